@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
-from designlab.mechanics.surface_pressure import ITERATIONS, SurfacePressure, pressure_under
+from designlab.mechanics.surface_pressure import ITERATIONS, ForceRange, SurfacePressure, pressure_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
 from designlab.reconstruction.height import normals
@@ -90,8 +90,14 @@ class PressShape:
     drift: Drift
 
     def force_n(self, modulus_mpa: float) -> float:
-        """Force on the gel, of a modulus in MPa; proportional to it."""
+        """Force on the gel, of a modulus in MPa, by an object that carries the skin along."""
         return 0.0 if self.pressure is None else self.pressure.force_n(modulus_mpa)
+
+    def force_range(self, modulus_mpa: float, modulus_sd_mpa: float = 0.0) -> ForceRange:
+        """Force on the gel with its 95 % interval, see `SurfacePressure.force_range`."""
+        if self.pressure is None:
+            return ForceRange(0.0, 0.0, 0.0)
+        return self.pressure.force_range(modulus_mpa, modulus_sd_mpa)
 
 
 @dataclass(frozen=True, eq=False)

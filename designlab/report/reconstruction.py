@@ -19,6 +19,7 @@ from designlab.report.evaluation_plots import normal_colours
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import (
     Column,
+    Html,
     Lead,
     Section,
     counted,
@@ -28,6 +29,7 @@ from designlab.report.page import (
     paragraph,
     picture,
     table,
+    unbroken,
 )
 from designlab.report.plots import draw_relief
 
@@ -252,10 +254,14 @@ def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
         Column("depth_mm", "depth", "mm"),
         Column("contact_area_mm2", "contact", "mm²"),
         Column("force_n", "force", "N"),
+        Column("between", "95 % interval", "N"),
         Column("told", "warnings"),
     ]
     if len(rows) <= MANY:
-        told = [{**row, "file": _called(row), "told": "; ".join(row["warnings"])} for row in rows]
+        told = [
+            {**row, "file": _called(row), "between": _between(row), "told": "; ".join(row["warnings"])}
+            for row in rows
+        ]
         return (table(told, columns),)
     kinds: dict[str, tuple[int, str]] = {}
     for row in rows:
@@ -266,6 +272,7 @@ def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
         {
             **row,
             "file": _called(row),
+            "between": _between(row),
             "told": ", ".join(str(kinds[NUMBERS.sub("#", text)][0]) for text in row["warnings"]),
         }
         for row in rows[::step]
@@ -281,6 +288,13 @@ def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
     )
 
 
+def _between(row: Mapping[str, Any]) -> Html | None:
+    """The interval of a force."""
+    if row.get("force_low_n") is None:
+        return None
+    return unbroken(f"{row['force_low_n']:.2g} to {row['force_high_n']:.2g}")
+
+
 def _called(row: Mapping[str, Any]) -> str:
     """Name of a picture for people."""
     name = Path(row["file"]).name
@@ -289,7 +303,8 @@ def _called(row: Mapping[str, Any]) -> str:
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
-    names = ["file", "frame", "depth_mm", "contact_area_mm2", "force_n", "warnings"]
+    names = ["file", "frame", "depth_mm", "contact_area_mm2"]
+    names += ["force_n", "force_low_n", "force_high_n", "warnings"]
     writer = csv.DictWriter(text, names, extrasaction="ignore")
     writer.writeheader()
     writer.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)

@@ -81,7 +81,8 @@ def test_a_video_at_a_stride_goes_on_where_it_ended(said, tmp_path, suffix, ever
     assert status == 0
     assert [row["frame"] for row in told["shapes"]] == list(range(0, 15, every))
     assert [row["name"] for row in told["shapes"]] == [f"press-{at:06d}" for at in range(0, 15, every)]
-    assert all(row["force_n"] > 0 and row["depth_mm"] > 0.03 for row in told["shapes"])
+    assert all(0 < row["force_low_n"] < row["force_n"] < row["force_high_n"] for row in told["shapes"])
+    assert all(row["depth_mm"] > 0.03 for row in told["shapes"])
     assert np.load(out / f"press-{every:06d}-height.npy").shape == SHAPE
     before = {each: each.stat().st_mtime_ns for each in out.glob("*-height.npy")}
     status, told, _ = said(path, "--every", 1, "--out", out, "--gel", "solaris")
@@ -259,6 +260,34 @@ def test_drift_is_said_in_json_for_background_and_pictures(said, tmp_path):
     assert row["drift"]["gain"] == pytest.approx([1.1 / 0.9] * 3, abs=0.02)
     assert row["drift"]["shift_px"] in (None, [0, 0])
     assert any("brightness has changed by +22%, +22%, +22%" in text for text in row["warnings"])
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["--modulus-mpa", "0"], "--modulus-mpa: must be above 0 MPa, got 0"),
+        (["--modulus-mpa", "0.4", "--gel", "solaris"], "--modulus-mpa: is stated beside --gel"),
+        (["--modulus-sd-mpa", "0.1"], "--modulus-sd-mpa: belongs to --modulus-mpa"),
+        (["--modulus-mpa", "0.4", "--modulus-sd-mpa", "-0.1"], "--modulus-sd-mpa: must be at least 0 MPa"),
+    ],
+)
+def test_a_modulus_that_cannot_be_meant_is_refused(said, tmp_path, words, rule):
+    Image.fromarray(frames(1)[0]).save(tmp_path / "press.png")
+    status, _, wrong = said(tmp_path / "press.png", "--out", tmp_path / "out", *words)
+    assert status == 2
+    assert rule in wrong
+
+
+def test_the_interval_of_a_force_holds_what_is_known_of_the_modulus(said, tmp_path):
+    Image.fromarray(frames(9)[8]).save(tmp_path / "press.png")
+    widths = []
+    for words in (["0.4", "--modulus-sd-mpa", "0.01"], ["0.4"], ["0.4", "--modulus-sd-mpa", "0.12"]):
+        out = tmp_path / f"out-{len(widths)}"
+        _, told, _ = said(tmp_path / "press.png", "--out", out, "--modulus-mpa", *words)
+        (row,) = told["shapes"]
+        widths.append((row["force_high_n"] - row["force_low_n"]) / row["force_n"])
+    assert widths[0] < widths[1] < widths[2]
 
 
 @pytest.mark.parametrize("count", [60, 700, 5000])

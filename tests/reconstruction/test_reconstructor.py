@@ -41,6 +41,9 @@ def test_a_press_has_its_depth_contact_and_force(file):
     assert shape.contact_area_mm2 == pytest.approx(np.pi * PRESS_RADIUS_MM**2, rel=0.25)
     assert shape.warnings == ()
     assert shape.force_n(0.5) == pytest.approx(0.5 * shape.force_n(1.0))
+    value, low, high = shape.force_range(0.5, 0.05)
+    assert value == shape.force_n(0.5)
+    assert low < value / 1.2 < value * 1.2 < high
 
 
 @pytest.mark.slow

@@ -260,6 +260,13 @@ def _add_designs(add: Any) -> None:
         shapes, "--gel NAME", "material of the gel, for forces; see docs/reference/catalogue.md", default=None
     )
     _option(shapes, "--modulus-mpa E", "Young's modulus of the gel instead (MPa)", type=float, default=None)
+    _option(
+        shapes,
+        "--modulus-sd-mpa S",
+        "its standard deviation (MPa); 10 %% when absent",
+        type=float,
+        default=None,
+    )
     _option(shapes, "--mesh", "kind of the mesh", choices=("ply", "stl", "glb", "none"), default="ply")
     _out(shapes, "folder of the shapes; the same command again goes on there")
 

@@ -6,7 +6,7 @@ from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.app.cli.arguments import UsageError
 from designlab.app.cli.console import Result
@@ -19,13 +19,21 @@ from designlab.core.types import Array
 
 if TYPE_CHECKING:
     from designlab.app.cli.incoming import Incoming
-    from designlab.reconstruction.reconstructor import Reconstructor
+    from designlab.reconstruction.reconstructor import PressShape, Reconstructor
 
 RECORD, RESULT, PAGE = "shapes.jsonl", "shapes.json", "report.html"
 KINDS = ("height", "tiff", "exr", "normals", "contact", "mesh", "picture")
 OF_VIDEO = ("height", "contact")
 MANY = 50  # pictures from which only those that matter are drawn
+MEASURED_SD, TABLE_SD = 0.1, 0.3  # of a modulus that is stated, or of a table's gel: between batches
 SHOWN = 12  # lines of a long table, and of what is refused
+
+
+class Modulus(NamedTuple):
+    """Young's modulus of a gel and its standard deviation (MPa)."""
+
+    mpa: float
+    sd_mpa: float
 
 
 def reconstruct(args: Namespace) -> Result:
@@ -151,7 +159,7 @@ def _reconstructed(
     out: Path,
     kinds: Sequence[str],
     mesh: str,
-    modulus: float | None,
+    modulus: Modulus | None,
     refused: list[dict[str, str]],
 ) -> dict[str, Any] | None:
     """Reconstruct and write one picture; None where it is refused."""
@@ -176,10 +184,17 @@ def _reconstructed(
         "content": one.content,
         "depth_mm": float(shape.depth_mm),
         "contact_area_mm2": shape.contact_area_mm2,
-        "force_n": None if modulus is None else shape.force_n(modulus),
+        **_force(shape, modulus),
         "drift": shape.drift.plain(),
         "warnings": list(shape.warnings),
     }
+
+
+def _force(shape: "PressShape", modulus: Modulus | None) -> dict[str, float | None]:
+    """Force on the gel and the ends of its 95 % interval, where the gel's modulus is known."""
+    names = ("force_n", "force_low_n", "force_high_n")
+    found = (None,) * 3 if modulus is None else shape.force_range(modulus.mpa, modulus.sd_mpa)
+    return dict(zip(names, found, strict=True))
 
 
 def _key(row: dict[str, Any]) -> str:
@@ -230,24 +245,36 @@ def _written(
     return reconstruction_report(rows, out, out / PAGE, about=reconstructor.kept.about, matter=matter)
 
 
-def _modulus(args: Namespace) -> float | None:
-    """Young's modulus of the gel in MPa, where a gel or a figure is given."""
+def _modulus(args: Namespace) -> Modulus | None:
+    """Young's modulus of the gel, where a gel or a figure is given."""
     from designlab.sensor.gel_materials import gel_material
 
+    if args.modulus_sd_mpa is not None and args.modulus_mpa is None:
+        raise ValueError("--modulus-sd-mpa: belongs to --modulus-mpa, which is not given")
     if args.modulus_mpa is not None:
         if not args.modulus_mpa > 0:
             raise ValueError(f"--modulus-mpa: must be above 0 MPa, got {args.modulus_mpa:g}")
         if args.gel is not None:
             raise ValueError("--modulus-mpa: is stated beside --gel; leave one of them out")
-        return float(args.modulus_mpa)
-    return None if args.gel is None else gel_material(args.gel).modulus_mpa
+        usual = MEASURED_SD * args.modulus_mpa
+        sd = usual if args.modulus_sd_mpa is None else args.modulus_sd_mpa
+        if not sd >= 0:
+            raise ValueError(f"--modulus-sd-mpa: must be at least 0 MPa, got {sd:g}")
+        return Modulus(float(args.modulus_mpa), float(sd))
+    if args.gel is None:
+        return None
+    gel = gel_material(args.gel)
+    if gel.range_mpa is None:
+        return Modulus(gel.modulus_mpa, TABLE_SD * gel.modulus_mpa)
+    low, high = gel.range_mpa
+    return Modulus(gel.modulus_mpa, (high - low) / 4)
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
     """All pictures, or of many those that matter and how many there are."""
     from designlab.report.reconstruction import that_matter
 
-    head = ("picture", "depth mm", "contact mm2", "force N")
+    head = ("picture", "depth mm", "contact mm2", "force N (95 %)")
     if len(rows) <= MANY:
         return [table(head, [_shown(row) for row in rows])]
     few = table(head, [_shown(row) for row in that_matter(rows)])
@@ -275,5 +302,7 @@ def _place(row: Mapping[str, Any]) -> str:
 
 
 def _shown(row: Mapping[str, Any]) -> tuple[str, ...]:
-    force = "-" if row["force_n"] is None else f"{row['force_n']:.3g}"
+    force = "-"
+    if row["force_n"] is not None:
+        force = f"{row['force_n']:.3g} ({row['force_low_n']:.2g} to {row['force_high_n']:.2g})"
     return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force
