@@ -6,6 +6,7 @@ python scripts/reference.py --check  print the pages that are out of date, and e
 
 import argparse
 import inspect
+import json
 import os
 import re
 import sys
@@ -26,7 +27,9 @@ from designlab.simulation.effects import CATALOGUE
 from designlab.simulation.effects.base import Effect, EffectParameter
 
 os.environ["COLUMNS"] = "100"  # of the help texts
-FOLDER = Path(__file__).parent.parent / "docs" / "reference"
+ROOT = Path(__file__).parent.parent
+FOLDER = ROOT / "docs" / "reference"
+LIMITS = ROOT / "designlab" / "validation" / "blind" / "limits.json"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -150,7 +153,19 @@ def effects_page() -> str:
         "on several presses only if `--effects` names them. [gap.md](../gap.md) tells how they are "
         "found.\n",
         table(("effect", "what the model lacks", "parameters", "kind"), list(effect_rows())),
+        "## Detection limits\n",
+        "Half of the sets with an effect of this strength, in units of its usual size, are named right "
+        "(95 % interval).\n",
+        table(("effect", "limit"), list(limit_rows())),
     )
+
+
+def limit_rows() -> Iterator[tuple[str, str]]:
+    """Strength from which an effect is found, the smallest first."""
+    limits = json.loads(LIMITS.read_text(encoding="utf-8"))
+    for name, of in sorted(limits.items(), key=lambda item: item[1]["strength"]):
+        ends = f"{of['low']:.2g} to {of['high']:.2g}" if of["low"] is not None else f"below {of['high']:.2g}"
+        yield f"`{name}`", f"{of['strength']:.2g} ({ends})"
 
 
 def scores_page() -> str:
