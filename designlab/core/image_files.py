@@ -100,7 +100,7 @@ def read_stored(path: Path, formats: tuple[str, ...] | None = None) -> StoredIma
     if name not in allowed:
         raise ImageError(f"{path}: {_unknown(path, name, allowed)}")
     try:
-        with _quiet():
+        with quiet():
             stored = _FORMATS[name].decode(path)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
@@ -135,7 +135,7 @@ def type_full_scale(kind: np.dtype[Any]) -> float | None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Hold back what libraries say of files: one error names the file, and standard output is for results."""
     log = logging.getLogger("tifffile")
     spoke, log.disabled = log.disabled, True

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,10 @@ from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import gradients_of, integrate, normals
 from designlab.reconstruction.methods import (
+    ErrorMap,
+    JointMap,
     Kernel,
+    LinearMap,
     Method,
     Polynomial,
     Predictor,
@@ -107,17 +111,54 @@ class LabCalibration:
         return self._gradients(self.inner, self._signal(image, mask))
 
     def _gradients(self, fit: FittedMap, signal: Array) -> tuple[Array, Array]:
-        slope = fit.predictor(signal, positions(self.background.shape))
+        return self._sloped(fit.predictor(signal, positions(self.background.shape)))
+
+    def _sloped(self, slope: Array) -> tuple[Array, Array]:
         p, q = slope_gradients(slope).T.reshape(2, *self.background.shape[:2])
         return p, q
 
-    def _weights(self, fit: FittedMap, signal: Array, mask: Mask | None) -> Array | None:
+    @cached_property
+    def alike(self) -> tuple[list[LinearMap], list[LinearMap]] | None:
+        """All maps of slopes, and all of expected errors, where those are of one method each; else None."""
+        fits = [fit for fit in (self.inner, self.rim) if fit is not None]
+        slopes = [fit.predictor for fit in fits if isinstance(fit.predictor, LinearMap)]
+        errors = [fit.expected_error.course for fit in fits if isinstance(fit.expected_error, ErrorMap)]
+        kinds = {each.method for each in slopes}, {each.method for each in errors}
+        if len(slopes) < len(fits) or len(errors) not in (0, len(fits)) or max(map(len, kinds)) > 1:
+            return None
+        if not errors and any(fit.expected_error is not None for fit in fits):
+            return None
+        return slopes, errors
+
+    @cached_property
+    def _joint(self) -> tuple[JointMap, JointMap | None] | None:
+        if self.alike is None:
+            return None
+        place, channels = positions(self.background.shape), self.background.shape[-1]
+        slopes, errors = self.alike
+        return JointMap(slopes, place, channels), JointMap(errors, place, channels) if errors else None
+
+    def _read(self, signal: Array) -> list[tuple[Array, Array, Array | None]]:
+        """Slopes p and q, and weights in the integration, by the inner map and by that of the rim."""
+        if self._joint is None:
+            fits = [fit for fit in (self.inner, self.rim) if fit is not None]
+            return [(*self._gradients(fit, signal), self._weights(fit, signal)) for fit in fits]
+        slopes, errors = self._joint
+        found = [self._sloped(slope) for slope in slopes(signal)]
+        if errors is None:
+            return [(*each, None) for each in found]
+        # the level of an error has no part in weights
+        shape = self.background.shape[:2]
+        courses = [course[:, 0].reshape(shape) for course in errors(signal)]
+        return [(*each, np.exp(course.min() - course)) for each, course in zip(found, courses, strict=True)]
+
+    def _weights(self, fit: FittedMap, signal: Array) -> Array | None:
         """Weights of the pixels in the integration; None where all are alike."""
         if fit.expected_error is None:
-            return None if mask is None else mask.astype(float)
+            return None
         error = fit.expected_error(signal, positions(self.background.shape))
         weights: Array = error.min() / error.reshape(self.background.shape[:2])
-        return weights if mask is None else weights * mask
+        return weights
 
     def reconstruct(
         self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False
@@ -136,21 +177,23 @@ class LabCalibration:
         signal = self._signal(image, mask)
         pitch_mm = self.setup.mm_per_px
 
-        def height(fit: FittedMap) -> Array:
-            p, q = self._gradients(fit, signal)
+        def height(p: Array, q: Array, weights: Array | None) -> Array:
+            if mask is not None:
+                weights = mask.astype(float) if weights is None else weights * mask
             return integrate(
                 p,
                 q,
                 pitch_mm=pitch_mm,
                 boundary=self.setup.boundary,
-                weights=self._weights(fit, signal, mask),
+                weights=weights,
                 robust=robust,
                 tolerance=_TOLERANCE,
             )
 
-        height_mm = height(self.inner)
-        if self.rim is not None:
-            more = height(self.rim) - height_mm
+        inner, *rim = self._read(signal)
+        height_mm = height(*inner)
+        if rim:
+            more = height(*rim[0]) - height_mm
             height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
         return ReconstructedShape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
 
@@ -347,6 +390,15 @@ def _left_out(
     balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method
 ) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
+    without = calibrations_without_each(balls, background, setup, method=method)
+    return [own.reconstruct(ball.image) for ball, own in zip(balls, without, strict=True)]
+
+
+def calibrations_without_each(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
+) -> list[LabCalibration]:
+    """Calibrations that each know nothing of one ball, on a gel that is known. Parameters as `calibrate`."""
+    method = method or Kernel()
     background, spread, parts = ball_samples(balls, background, setup, None)
     fits = []
     for presses in parts:
@@ -355,7 +407,4 @@ def _left_out(
         if setup.weighted:
             errors = expected_error_without_each(presses, _predicted(predictors, presses))
         fits.append([FittedMap(*pair) for pair in zip(predictors, errors, strict=True)])
-    return [
-        _assembled(balls, background, setup, spread, own).reconstruct(ball.image)
-        for ball, own in zip(balls, zip(*fits, strict=True), strict=True)
-    ]
+    return [_assembled(balls, background, setup, spread, own) for own in zip(*fits, strict=True)]

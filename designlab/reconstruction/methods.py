@@ -24,7 +24,7 @@ _LEAST_ERROR = (
 )
 _FLAT_SLOPE = 0.01
 _STEEPEST = 0.97  # sine of the steepest slope that is believed
-_CHUNK = 16384  # pixels at a time: keeps the terms of a picture small
+_CHUNK = 4096  # pixels at a time, so that their terms stay in the processor's cache
 
 
 class Samples(NamedTuple):
@@ -71,6 +71,53 @@ class ErrorMap:
         return np.asarray(np.exp(self.course(signal, position)[:, 0] + self.level))
 
 
+class JointMap:
+    """Fitted maps of equal methods, read together for pictures whose pixels have the same places.
+
+    What a method says of the untouched gel is found once for each place.
+
+    Parameters
+    ----------
+    maps : sequence of LinearMap
+        The maps.
+    position : array, shape (N, 2)
+        Places of the pixels.
+    channels : int
+        Of the pictures.
+    """
+
+    def __init__(self, maps: Sequence[LinearMap], position: Array, channels: int) -> None:
+        self._method, self._position = maps[0].method, position
+        self._weights = np.concatenate([each.weights for each in maps], axis=1).astype(np.float32)
+        self._ends = np.cumsum([each.weights.shape[1] for each in maps])[:-1]
+        self._at_rest = self._sums(np.zeros((len(position), channels)))
+
+    def __call__(self, signal: Array) -> list[Array]:
+        """Outputs of each map, (N, outputs), from the changes of colour."""
+        return np.split((self._sums(signal) - self._at_rest).astype(float), self._ends, axis=1)
+
+    def _sums(self, signal: Array) -> NDArray[np.float32]:
+        parts = [
+            self._method.waves(signal[first : first + _CHUNK], self._position[first : first + _CHUNK])
+            @ self._weights
+            for first in range(0, len(signal), _CHUNK)
+        ]
+        return np.concatenate(parts)
+
+
+def outputs_at(maps: Sequence[LinearMap], signal: Array, place: Array) -> NDArray[np.float32]:
+    """Outputs of maps of equal methods side by side, (N, outputs), for changes of colour at one place."""
+    method, weights = maps[0].method, np.concatenate([each.weights for each in maps], axis=1)
+    single = weights.astype(np.float32)
+    at_rest = method.waves(np.zeros((1, signal.shape[1])), place[None]) @ single
+    parts = []
+    for first in range(0, len(signal), _CHUNK):
+        some = signal[first : first + _CHUNK]
+        waves = method.waves(some, np.broadcast_to(place, (len(some), 2)))
+        parts.append(waves.astype(np.float32) @ single - at_rest)
+    return np.concatenate(parts)
+
+
 class Method(Protocol):
     """A way to learn slopes from samples."""
 
@@ -94,6 +141,10 @@ class LinearMethod(ABC):
     @abstractmethod
     def terms(self, signal: Array, position: Array) -> NDArray[np.floating]:
         """Terms of each pixel, shape (N, terms)."""
+
+    def waves(self, signal: Array, position: Array) -> NDArray[np.floating]:
+        """Terms up to those of no change of colour, shape (N, terms)."""
+        return self.terms(signal, position)
 
     def fit(self, presses: Sequence[Samples]) -> LinearMap:
         """Fit to all presses."""

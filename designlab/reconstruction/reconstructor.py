@@ -1,29 +1,57 @@
 """Shape from the pictures of one's own sensor, by a calibration on balls, with what speaks against it."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter, label
 from scipy.spatial import cKDTree
 
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
-from designlab.mechanics.surface_pressure import SurfacePressure, pressure_under
+from designlab.mechanics.surface_pressure import ITERATIONS, SurfacePressure, pressure_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
+from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
 from designlab.reconstruction.height import normals
-from designlab.reconstruction.lab import LabCalibration, ReconstructedShape
+from designlab.reconstruction.lab import LabCalibration
 
-COARSE_PX = 140  # of the longer side, for the pressure
+if TYPE_CHECKING:
+    from designlab.reconstruction.video import VideoMaps
+
+Mode = Literal["accurate", "video"]
+
+
+class _Effort(NamedTuple):
+    """How finely pressure is solved for: points along the longer side, iterations, and where contact ends.
+
+    Contact is where pressure is above a share of the highest of the same contact: coarse points blur edges.
+    """
+
+    points: int
+    iterations: int
+    touched: float
+
+
+EFFORT: dict[Mode, _Effort] = {
+    "accurate": _Effort(140, ITERATIONS, 0.1),
+    "video": _Effort(64, 30, 0.15),
+}
+ASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
+LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
 FULL = 0.995  # of full scale from which a pixel is clipped
 MOST_CLIPPED = 0.05  # share of the pixels that change
 MOST_STRANGE = 0.1  # likewise, of colours that the balls did not show
 SEEN = 0.25  # change of colour, in spreads, from which a pixel counts as changed
 LEAST_SEEN = 0.002  # share of the picture; below it nothing touches
 MOVED_PX = 1.0  # of the untouched gel
+PRESS_MOVED_PX = 2.0  # of the gel beside a press, which may drag it along by a pixel
 DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed for
+OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
+LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
+MOST_GAIN = 2.0  # change of brightness that is still corrected
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
 
 
@@ -47,6 +75,8 @@ class PressShape:
         Pressure over the gel's modulus, on a coarser grid; None where nothing touches.
     warnings : tuple of str
         What speaks against the result, each with what to do.
+    drift : Drift
+        What has changed against the untouched gel beside the press.
     """
 
     height_mm: Array
@@ -56,6 +86,7 @@ class PressShape:
     contact_area_mm2: float
     pressure: SurfacePressure | None
     warnings: tuple[str, ...]
+    drift: Drift
 
     def force_n(self, modulus_mpa: float) -> float:
         """Force on the gel, of a modulus in MPa; proportional to it."""
@@ -70,6 +101,9 @@ class Reconstructor:
     ----------
     kept : Kept
         Calibration, and what the balls taught.
+    mode : str
+        ``accurate``, or ``video``: some hundredths of a second a picture, by a table of the maps, with
+        heights found on cells as large as the smoothing of the colours; arrays have single precision.
 
     Examples
     --------
@@ -79,22 +113,47 @@ class Reconstructor:
     """
 
     kept: Kept
+    mode: Mode = "accurate"
+
+    def __post_init__(self) -> None:
+        if self.mode not in EFFORT:
+            raise ValueError(f"mode: must be {' or '.join(EFFORT)}, got {self.mode!r}")
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | Path, *, mode: Mode = "accurate") -> Self:
         """Read the calibration that ``designlab calibrate --balls`` wrote.
 
         Parameters
         ----------
         path : path
             The file ``calibration.npz``.
+        mode : str
+            ``accurate`` or ``video``, see the class. The table of ``video`` takes some seconds to make.
 
         Raises
         ------
         ValueError
-            If it is no such file.
+            If it is no such file, there is no such mode, or ``video`` finds other than three colours.
         """
-        return cls(load_calibration(path))
+        made = cls(load_calibration(path), mode)
+        if mode == "video":
+            made.video.warm_up()
+        return made
+
+    @cached_property
+    def video(self) -> "VideoMaps":
+        """The maps as a table, which mode ``video`` reads."""
+        from designlab.reconstruction.video import VideoMaps
+
+        return VideoMaps(self.calibration, self.kept.taught)
+
+    @cached_property
+    def _untouched(self) -> Untouched:
+        return Untouched.of(self.calibration.background)
+
+    @cached_property
+    def _taught(self) -> cKDTree:
+        return cKDTree(self.kept.taught)
 
     @property
     def calibration(self) -> LabCalibration:
@@ -112,7 +171,15 @@ class Reconstructor:
         given = np.asarray(background, dtype=float)
         if given.shape != self.calibration.background.shape:
             raise ValueError(f"background: {_sizes(given, self.calibration)}")
-        return replace(self, kept=self.kept._replace(calibration=replace(self.calibration, background=given)))
+        calibration = replace(self.calibration, background=given)
+        made = replace(self, kept=self.kept._replace(calibration=calibration))
+        if "video" in vars(self):
+            vars(made)["video"] = self.video.on(calibration)
+        return made
+
+    def drift_of(self, image: ArrayLike) -> Drift:
+        """Brightness and place of a picture against the untouched gel in use, beside a press."""
+        return drift_between(self._untouched, np.asarray(image, dtype=float))
 
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
@@ -122,10 +189,10 @@ class Reconstructor:
         if np.abs(ratio - 1).max() > DRIFTED:
             told = ", ".join(f"{value - 1:+.0%}" for value in ratio)
             found.append(f"the untouched gel is brighter by {told} (R, G, B) than when it was calibrated")
-        down, right = _shift(before.mean(axis=-1), now.mean(axis=-1))
-        if np.hypot(down, right) >= MOVED_PX:
+        moved = shift_px(before.mean(axis=-1), now.mean(axis=-1))
+        if moved is not None and np.hypot(*moved) >= MOVED_PX:
             found.append(
-                f"the untouched gel has moved by {right:+.0f} px to the right and {-down:+.0f} px up since "
+                f"the untouched gel has moved by {moved[0]:+d} px to the right and {moved[1]:+d} px up since "
                 "it was calibrated: calibrate again, or put gel and camera back"
             )
         rest = gaussian_filter(now / ratio - before, (3, 3, 0)) / before.mean(axis=(0, 1))
@@ -144,59 +211,100 @@ class Reconstructor:
         image : array, shape (rows, columns, channels)
             Values as the calibration's pictures have them, 0 to 1.
         mask : bool array, shape (rows, columns), optional
-            Pixels that show the bare membrane; markers left out.
+            Pixels that show the bare membrane; markers left out. Mode ``video`` takes none.
         pressure : bool
-            Whether to find pressure and contact (about a second); without, contact is where the gel is
-            pressed in by more than half of the depth.
+            Whether to find pressure and contact (about a second; in mode ``video`` some 20 ms); without,
+            contact is where the gel is pressed in by more than half of the depth.
 
         Raises
         ------
         ValueError
-            If the picture has another size than the calibration.
+            If the picture has another size than the calibration, or shows another sensor.
         """
-        values = np.asarray(image, dtype=float)
+        video = self.mode == "video"
+        values: NDArray[Any] = np.asarray(image, dtype=np.float32 if video else float)
         if values.shape != self.calibration.background.shape:
             raise ValueError(f"image: {_sizes(values, self.calibration)}")
-        change = self.calibration.change(values, mask)
+        if video and mask is not None:
+            raise ValueError("mask: mode video takes none; use mode accurate for gels with markers")
+        drift = drift_between(self._untouched, values, place=not video)
+        used, warnings = self._levelled(values, drift)
+        change = self.video.change(used) if video else self.calibration.change(used, mask)
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
-        shape = self.calibration.reconstruct(values, mask=mask)
-        warnings = self._doubts(values, change, seen)
-        if seen.mean() < LEAST_SEEN:
-            return _nothing(shape, warnings)
-        if not shape.height_mm.max() > 0:
-            return _nothing(shape, [*warnings, "colours change, but nothing is pressed in"])
-        found = self._pressure(shape.height_mm) if pressure else None
-        if found is None:
-            contact = np.asarray(shape.height_mm > 0.5 * shape.height_mm.max())
+        cell_px = self.video.cell_px if video else 1
+        warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
+        if video:
+            height = self.video.height_mm(change)
+            normal = self.video.normals(height)
         else:
-            contact = _finer(found.contact, shape.height_mm.shape)
-        warnings += self._at_border(shape.height_mm)
-        pitch_mm = self.calibration.setup.mm_per_px
+            shape = self.calibration.reconstruct(used, mask=mask)
+            height, normal = shape.height_mm, normals(shape.p, shape.q)
+        pressed_in = bool(height.max() > 0)
+        if not pressed_in and seen.mean() >= LEAST_SEEN:
+            warnings.append("colours change, but nothing is pressed in")
+        if not pressed_in or seen.mean() < LEAST_SEEN:
+            nowhere = np.zeros(height.shape, dtype=bool)
+            return PressShape(height, normal, nowhere, 0.0, 0.0, None, tuple(warnings), drift)
+        found = self._pressure(height) if pressure else None
+        if found is None:
+            contact = np.asarray(height > 0.5 * height.max())
+        else:
+            contact = _contact(found.pressure, height.shape, EFFORT[self.mode].touched)
         return PressShape(
-            shape.height_mm,
-            normals(shape.p, shape.q),
+            height,
+            normal,
             contact,
-            float(shape.height_mm.max()),
-            float(contact.sum() * pitch_mm**2),
+            float(height.max()),
+            float(contact.sum() * self.calibration.setup.mm_per_px**2),
             found,
-            tuple(warnings),
+            (*warnings, *self._at_border(height)),
+            drift,
         )
 
+    def _levelled(self, image: Array, drift: Drift) -> tuple[Array, list[str]]:
+        """The picture with the brightness that the balls' pictures had, and what has drifted."""
+        if drift.untouched < LEAST_UNTOUCHED:
+            return image, [
+                f"only {drift.untouched:.0%} of the picture looks like the untouched gel: is it the sensor "
+                "that was calibrated, with its light and place as then? Give today's untouched gel as the "
+                "background, or calibrate again"
+            ]
+        warnings = []
+        if drift.shift_px is not None and np.hypot(*drift.shift_px) >= PRESS_MOVED_PX:
+            warnings.append(
+                f"the gel has moved by {drift.shift_px[0]:+d} px to the right and {drift.shift_px[1]:+d} px "
+                "up since its untouched picture: put gel and camera back, or take that picture again"
+            )
+        usual = self.kept.about.get("usual_gain")
+        gain = np.array(drift.gain) / np.array(usual or 1.0)
+        if not drift.known or np.abs(gain - 1).max() <= DRIFTED:
+            return image, warnings
+        told = ", ".join(f"{value - 1:+.0%}" for value in gain)
+        said = f"brightness has changed by {told} (R, G, B) where nothing touches the gel"
+        if usual is None or max(gain.max(), 1 / gain.min()) > MOST_GAIN:
+            return image, [
+                *warnings,
+                f"{said}, and is not corrected: take today's untouched gel as the background",
+            ]
+        warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
+        return image * np.asarray(1 / gain, dtype=image.dtype), warnings
+
     def _pressure(self, height_mm: Array) -> SurfacePressure:
-        setup = self.calibration.setup
+        setup, effort = self.calibration.setup, EFFORT[self.mode]
         assert setup.thickness_mm is not None  # of every calibration
         rows, columns = height_mm.shape
-        coarser = max(1.0, max(rows, columns) / COARSE_PX)
+        coarser = max(1.0, max(rows, columns) / effort.points)
         small = resize_area(height_mm[..., None], round(rows / coarser), round(columns / coarser))[..., 0]
         return pressure_under(
-            small,
+            np.asarray(small, dtype=height_mm.dtype),
             poisson=setup.poisson,
             thickness_mm=setup.thickness_mm,
             pitch_mm=setup.mm_per_px * columns / small.shape[1],
+            iterations=effort.iterations,
         )
 
-    def _doubts(self, image: Array, change: Array, seen: Mask) -> list[str]:
-        """What of a picture the calibration knows nothing of."""
+    def _doubts(self, image: Array, change: Array, seen: Mask, drift: Drift) -> list[str]:
+        """What of a picture the calibration knows nothing of; a picture of another sensor is refused."""
         if seen.mean() < LEAST_SEEN:
             return ["nothing touches the gel: the picture is that of the untouched gel"]
         found = []
@@ -205,9 +313,15 @@ class Reconstructor:
             found.append(
                 f"{clipped:.0%} of the pixels that change are at full scale and say nothing: expose for less"
             )
-        tree = cKDTree(self.kept.taught)
-        far, _ = tree.query(change[seen][:: max(1, int(seen.sum()) // 4000)])
+        some = change[seen][:: max(1, int(seen.sum()) // ASKED[self.mode])]
+        far, _ = self._taught.query(some)
         strange = float((far > float(self.kept.about["strange_beyond"])).mean())
+        if strange > OTHER_STRANGE and drift.untouched < LEAST_UNTOUCHED:
+            raise ValueError(
+                f"image: shows another sensor or another light: no ball showed {strange:.0%} of its colours, "
+                f"and only {drift.untouched:.0%} of it looks like the untouched gel. Use the calibration of "
+                "this sensor, or make one with `designlab calibrate --balls`"
+            )
         if strange > MOST_STRANGE:
             found.append(
                 f"{strange:.0%} of the pixels that change have colours that no ball showed, and heights "
@@ -226,28 +340,21 @@ class Reconstructor:
         return []
 
 
-def _nothing(shape: ReconstructedShape, warnings: list[str]) -> PressShape:
-    untouched = np.zeros(shape.height_mm.shape, dtype=bool)
-    return PressShape(shape.height_mm, normals(shape.p, shape.q), untouched, 0.0, 0.0, None, tuple(warnings))
-
-
-def _finer(contact: Mask, shape: tuple[int, ...]) -> Mask:
-    """A mask on more pixels: each takes the value of the coarse one it lies in."""
-    rows = np.arange(shape[0]) * contact.shape[0] // shape[0]
-    columns = np.arange(shape[1]) * contact.shape[1] // shape[1]
-    return np.asarray(contact[np.ix_(rows, columns)])
-
-
-def _shift(before: Array, now: Array) -> tuple[int, int]:
-    """Rows and columns by which fine structure has moved, by phase correlation; 0 where none stands out."""
-    spectra = [np.fft.rfft2(image - gaussian_filter(image, 4.0)) for image in (before, now)]
-    cross = spectra[1] * spectra[0].conj()
-    peak = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-12), s=before.shape)
-    row, column = np.unravel_index(int(peak.argmax()), peak.shape)
-    if peak.max() < 8 * peak.std():
-        return 0, 0
-    rows, columns = before.shape
-    return int((row + rows // 2) % rows - rows // 2), int((column + columns // 2) % columns - columns // 2)
+def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:
+    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture."""
+    parts, _ = label(pressure > LEAST_TOUCHED * pressure.max())
+    peaks = [pressure[parts == part].max() for part in range(1, parts.max() + 1)]
+    least = touched * np.array([0.0, *peaks], dtype=pressure.dtype)[parts]
+    least[parts == 0] = np.inf
+    for axis, count in enumerate(shape):
+        at = (np.arange(count) + 0.5) * pressure.shape[axis] / count - 0.5
+        at = np.clip(at, 0, pressure.shape[axis] - 1)
+        low = np.minimum(at.astype(int), pressure.shape[axis] - 2)
+        share = np.expand_dims((at - low).astype(pressure.dtype), 1 - axis)
+        pressure = (1 - share) * pressure.take(low, axis) + share * pressure.take(low + 1, axis)
+        # a contact may end half a point beyond its last
+        least = np.minimum(least.take(low, axis), least.take(low + 1, axis))
+    return np.asarray(pressure > least)
 
 
 def _sizes(given: Array, calibration: LabCalibration) -> str:

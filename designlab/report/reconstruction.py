@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from designlab.core.images import tone_map, write_image
+from designlab.core.images import png_bytes, tone_map, write_image
 from designlab.core.store import write_atomic
 from designlab.core.types import Array
 from designlab.reconstruction.reconstructor import PressShape
 from designlab.report.evaluation_plots import normal_colours
 from designlab.report.figures import new_figure, write_figure
-from designlab.report.page import Column, Lead, Section, counted, gallery, page, paragraph, picture, table
+from designlab.report.page import (
+    Column,
+    Lead,
+    Section,
+    counted,
+    gallery,
+    listed,
+    page,
+    paragraph,
+    picture,
+    table,
+)
 from designlab.report.plots import draw_relief
 
 if TYPE_CHECKING:
@@ -25,12 +37,22 @@ if TYPE_CHECKING:
 MESH_COLUMNS = 200  # of a mesh; more triangles show no more
 RELIEF_COLUMNS = 110
 TABLE = "shapes.csv"
+MANY = 50  # pictures from which the page shows their course, and a table of some
+TABLE_ROWS = 600  # of the page at most
+NUMBERS = re.compile(r"[\d.+-]+")
 
 
 def write_shape(
-    shape: PressShape, image: Array, folder: Path, name: str, *, mm_per_px: float, mesh: str
+    shape: PressShape,
+    image: NDArray[Any],
+    folder: Path,
+    name: str,
+    *,
+    mm_per_px: float,
+    mesh: str,
+    kinds: Sequence[str],
 ) -> None:
-    """Write one shape: heights (TIFF and NPY, mm), normals, contact, mesh, and a picture of all.
+    """Write one shape, as files of the kinds that are wanted.
 
     Parameters
     ----------
@@ -45,22 +67,75 @@ def write_shape(
     mm_per_px : float
         Size of a pixel at the gel.
     mesh : str
-        Kind of the mesh's file: ply, stl, glb or none.
+        Kind of the mesh's file: ply, stl or glb.
+    kinds : sequence of str
+        Some of height (NPY, mm), tiff, exr, normals, contact, mesh, and picture, which shows all.
     """
     height = shape.height_mm.astype(np.float32)
-    write_atomic(folder / f"{name}-height.npy", _npy(height))
-    write_image(folder / f"{name}-height.exr", np.repeat(height[..., None], 3, axis=-1))
-    write_atomic(folder / f"{name}-height.tiff", _tiff(height))
-    write_atomic(folder / f"{name}-normals.npy", _npy(shape.normals.astype(np.float32)))
-    write_image(
-        folder / f"{name}-contact.png", np.repeat(255 * shape.contact.astype(np.uint8)[..., None], 3, axis=-1)
-    )
-    if mesh != "none":
+    if "height" in kinds:
+        write_atomic(folder / f"{name}-height.npy", _npy(height))
+    if "exr" in kinds:
+        write_image(folder / f"{name}-height.exr", np.repeat(height[..., None], 3, axis=-1))
+    if "tiff" in kinds:
+        write_atomic(folder / f"{name}-height.tiff", _tiff(height))
+    if "normals" in kinds:
+        write_atomic(folder / f"{name}-normals.npy", _npy(shape.normals.astype(np.float32)))
+    if "contact" in kinds:
+        mask = 255 * shape.contact.astype(np.uint8)[..., None]
+        write_atomic(folder / f"{name}-contact.png", png_bytes(np.repeat(mask, 3, axis=-1)))
+    if "mesh" in kinds:
         write_atomic(folder / f"{name}.{mesh}", _mesh(shape.height_mm, mm_per_px, mesh))
+    if "picture" in kinds:
+        draw_shape(shape, image, folder, name, mm_per_px)
+
+
+def draw_shape(shape: PressShape, image: NDArray[Any], folder: Path, name: str, mm_per_px: float) -> None:
+    """Write the picture NAME.png of one shape, see `shape_picture`."""
     write_figure(shape_picture(shape, image, mm_per_px, name), folder / f"{name}.png")
 
 
-def shape_picture(shape: PressShape, image: Array, mm_per_px: float, name: str) -> "Figure":
+def that_matter(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The pictures of many that are worth looking at, in their order.
+
+    First and last, the deepest, the one of most force, and the first that has each kind of warning, up to
+    four of those that most pictures have.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        See `reconstruction_report`.
+    """
+    chosen = {0, len(rows) - 1, max(range(len(rows)), key=lambda at: float(rows[at]["depth_mm"]))}
+    if rows[0]["force_n"] is not None:
+        chosen.add(max(range(len(rows)), key=lambda at: float(rows[at]["force_n"])))
+    met: dict[str, list[int]] = {}
+    for at, row in enumerate(rows):
+        for text in row["warnings"]:
+            met.setdefault(NUMBERS.sub("#", text), []).append(at)
+    chosen |= {places[0] for places in sorted(met.values(), key=len, reverse=True)[:4]}
+    return [rows[at] for at in sorted(chosen)]
+
+
+def course_picture(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+    """Draw depth, contact area and force over the pictures, and where warnings are."""
+    figure = new_figure(11.0, 5.4)
+    shown = [("depth_mm", "depth (mm)"), ("contact_area_mm2", "contact (mm²)")]
+    if rows[0]["force_n"] is not None:
+        shown.append(("force_n", "force (N)"))
+    number = np.arange(len(rows))
+    doubtful = np.array([bool(row["warnings"]) for row in rows])
+    for place, (key, title) in enumerate(shown, start=1):
+        axes = figure.add_subplot(len(shown), 1, place)
+        values = np.array([float(row[key]) for row in rows])
+        axes.plot(number, values, color="#2a6fdb", linewidth=1.0)
+        axes.plot(number[doubtful], values[doubtful], ".", color="#d1541e", markersize=3.0)
+        axes.set_ylabel(title)
+        axes.grid(color="#e2e6ec", linewidth=0.6)
+    axes.set_xlabel("picture; dots have a warning")
+    return figure
+
+
+def shape_picture(shape: PressShape, image: NDArray[Any], mm_per_px: float, name: str) -> "Figure":
     """Draw picture, normals, height, relief and profile of one shape."""
     rows, columns = shape.height_mm.shape
     half = columns * mm_per_px / 2, rows * mm_per_px / 2
@@ -107,20 +182,27 @@ def shape_picture(shape: PressShape, image: Array, mm_per_px: float, name: str) 
 
 
 def reconstruction_report(
-    rows: Sequence[Mapping[str, Any]], folder: Path, target: Path, *, about: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]],
+    folder: Path,
+    target: Path,
+    *,
+    about: Mapping[str, Any],
+    matter: Sequence[Mapping[str, Any]],
 ) -> Path:
     """Write the table of all shapes, and the page about them.
 
     Parameters
     ----------
     rows : sequence of mapping
-        Of each picture: file, name, depth_mm, contact_area_mm2, force_n or None, warnings.
+        Of each picture: file, frame or None, name, depth_mm, contact_area_mm2, force_n or None, warnings.
     folder : Path
         Where the pictures of shapes are.
     target : Path
         HTML file to write.
     about : mapping
         What the calibration says of its errors.
+    matter : sequence of mapping
+        Those of the rows whose pictures the page shows.
     """
     write_atomic(folder / TABLE, _csv(rows))
     doubtful = [row for row in rows if row["warnings"]]
@@ -130,34 +212,31 @@ def reconstruction_report(
         f"{about['height_error_um']:.0f} µm."
     )
     answer = (
-        f"The deepest of {counted(len(rows), 'picture')}, {Path(deepest['file']).name}, shows a press of "
+        f"The deepest of {counted(len(rows), 'picture')}, {_called(deepest)}, shows a press of "
         f"{deepest['depth_mm']:.3f} mm. {error}",
         f"{len(doubtful)} of them have a warning: read it before you use them."
         if doubtful
         else "No picture has a warning.",
     )
-    shown = folder / f"{deepest['name']}.png"
-    columns = [
-        Column("file", "picture"),
-        Column("depth_mm", "depth", "mm"),
-        Column("contact_area_mm2", "contact", "mm²"),
-        Column("force_n", "force", "N"),
-        Column("told", "warnings"),
-    ]
-    told = [{**row, "file": Path(row["file"]).name, "told": "; ".join(row["warnings"])} for row in rows]
     pictures = [
-        picture(folder / f"{row['name']}.png", Path(row["file"]).name)
-        for row in rows[:12]
-        if row is not deepest
+        picture(folder / f"{row['name']}.png", _called(row))
+        for row in matter[:12]
+        if row is not deepest and (folder / f"{row['name']}.png").is_file()
     ]
-    sections = [
-        Section("Picture by picture", (table(told, columns),)),
+    sections = []
+    if len(rows) > MANY:
+        written = io.BytesIO()
+        course_picture(rows).savefig(written, format="png", dpi=110)
+        sections.append(Section("Over time", (picture(written.getvalue(), "Each picture in its order"),)))
+    sections += [
+        Section("Picture by picture", _rows_told(rows)),
         Section("Shapes", (gallery(pictures),) if pictures else (), folded=True),
     ]
+    shown = folder / f"{deepest['name']}.png"
     lead = Lead(
         question="What shapes do these pictures show?",
         answer=tuple(map(paragraph, answer)),
-        picture=picture(shown, f"The deepest: {Path(deepest['file']).name}") if shown.is_file() else None,
+        picture=picture(shown, f"The deepest: {_called(deepest)}") if shown.is_file() else None,
         next_words="Heights in mm are in the NPY and TIFF files; in Python:",
         next_command="dl.Reconstructor.load('calibrated/calibration.npz')(image).height_mm",
         word=f"{len(doubtful)} doubtful" if doubtful else "done",
@@ -166,9 +245,51 @@ def reconstruction_report(
     return write_atomic(target, page("Shapes", sections, lead=lead))
 
 
+def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+    """Table of the pictures; of many, their warnings are numbered, and of very many it shows some."""
+    columns = [
+        Column("file", "picture"),
+        Column("depth_mm", "depth", "mm"),
+        Column("contact_area_mm2", "contact", "mm²"),
+        Column("force_n", "force", "N"),
+        Column("told", "warnings"),
+    ]
+    if len(rows) <= MANY:
+        told = [{**row, "file": _called(row), "told": "; ".join(row["warnings"])} for row in rows]
+        return (table(told, columns),)
+    kinds: dict[str, tuple[int, str]] = {}
+    for row in rows:
+        for text in row["warnings"]:
+            kinds.setdefault(NUMBERS.sub("#", text), (len(kinds) + 1, text))
+    step = -(-len(rows) // TABLE_ROWS)
+    told = [
+        {
+            **row,
+            "file": _called(row),
+            "told": ", ".join(str(kinds[NUMBERS.sub("#", text)][0]) for text in row["warnings"]),
+        }
+        for row in rows[::step]
+    ]
+    some = f"Every {step}th of {len(rows)} pictures; {TABLE} has all." if step > 1 else ""
+    return (
+        *(
+            (listed(f"Warning {number}, for example: {text}" for number, text in kinds.values()),)
+            if kinds
+            else ()
+        ),
+        table(told, columns, caption=some),
+    )
+
+
+def _called(row: Mapping[str, Any]) -> str:
+    """Name of a picture for people."""
+    name = Path(row["file"]).name
+    return name if row["frame"] is None else f"{name}, frame {row['frame']}"
+
+
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
-    names = ["file", "depth_mm", "contact_area_mm2", "force_n", "warnings"]
+    names = ["file", "frame", "depth_mm", "contact_area_mm2", "force_n", "warnings"]
     writer = csv.DictWriter(text, names, extrasaction="ignore")
     writer.writeheader()
     writer.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)

@@ -8,55 +8,13 @@ from PIL import Image
 
 from designlab.app import cli
 from designlab.core.images import read_image, write_image
-from designlab.inference.calibration.balls import calibrate_balls, load_balls
-from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration, save_calibration
-from designlab.reconstruction.methods import Kernel
+from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration
 from designlab.reconstruction.reconstructor import Reconstructor
+from tests.helpers.ball_pictures import exposed, pressed
 from tests.helpers.browser import faults, opened
-from tests.reconstruction.test_lab import (
-    BACKGROUND,
-    BALLS,
-    PITCH_MM,
-    RADIUS_MM,
-    SHAPE,
-    SURFACE,
-    THICKNESS_MM,
-    picture,
-    slopes,
-)
+from tests.reconstruction.test_lab import BACKGROUND, BALLS, SHAPE, SURFACE
 
-FULL = 1.4  # brightest value of the pictures
-QUICK = Kernel(features=150)
 PRESS_RADIUS_MM = 1.2
-
-
-def exposed(image):
-    return np.clip(image / FULL, 0, 1).astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("balls")
-    write_image(out / "background.exr", exposed(BACKGROUND))
-    for number, ball in enumerate(BALLS):
-        write_image(out / f"ball-{number}.exr", exposed(ball.image))
-    return out
-
-
-@pytest.fixture(scope="module")
-def found(folder):
-    balls = load_balls(folder, ball_mm=2 * RADIUS_MM, mm_per_px=PITCH_MM)
-    return calibrate_balls(balls, thickness_mm=THICKNESS_MM, method=QUICK)
-
-
-@pytest.fixture(scope="module")
-def file(found, tmp_path_factory):
-    return save_calibration(tmp_path_factory.mktemp("calibration") / "calibration.npz", found.kept)
-
-
-def pressed(centre=(55, 45), contact_px=12.0):
-    p, q, _ = slopes(centre, contact_px)
-    return exposed(picture(p, q))
 
 
 @pytest.mark.slow

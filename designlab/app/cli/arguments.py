@@ -230,7 +230,30 @@ def _add_designs(add: Any) -> None:
         "designlab.app.cli.reconstruct:reconstruct",
         "heights, normals and contact from pictures of one's own sensor",
     )
-    _option(shapes, "pictures PICTURE", "files, folders or patterns", nargs="+")
+    _option(shapes, "pictures PICTURE", "files, folders, patterns or videos", nargs="*")
+    _option(
+        shapes,
+        "--watch FOLDER",
+        "reconstruct what a camera writes into a folder as it comes, until Ctrl-C",
+        default=None,
+    )
+    _option(shapes, "--every N", "of a video, every Nth frame", type=_whole(1, 10**6), default=1)
+    _option(
+        shapes,
+        "--mode",
+        "accurate, or video: some hundredths of a second a picture",
+        choices=("accurate", "video"),
+        default="accurate",
+    )
+    _option(
+        shapes,
+        "--files",
+        "kinds of files to write of each picture (default: all; height and contact in mode video; picture "
+        "only of those that matter where there are many)",
+        choices=("height", "tiff", "exr", "normals", "contact", "mesh", "picture"),
+        default=None,
+        nargs="+",
+    )
     _option(shapes, "--calibration FILE", "calibration.npz of `calibrate --balls`", required=True)
     _option(shapes, "--background FILE", "today's picture of the untouched gel", default=None)
     _option(

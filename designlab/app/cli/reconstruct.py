@@ -1,117 +1,233 @@
 """Command reconstruct: pictures of one's own sensor to shapes."""
 
-import glob
-import os
+import re
+import sys
 from argparse import Namespace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.app.cli.arguments import UsageError
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
+from designlab.core.journal import Journal
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
-from designlab.core.store import digest, read_json, write_json
+from designlab.core.store import digest, remove_partial, write_json
+from designlab.core.types import Array
 
 if TYPE_CHECKING:
-    from designlab.reconstruction.reconstructor import PressShape
+    from designlab.app.cli.incoming import Incoming
+    from designlab.reconstruction.reconstructor import Reconstructor
 
-RESULT, PAGE = "shapes.json", "report.html"
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".bmp", ".webp")
+RECORD, RESULT, PAGE = "shapes.jsonl", "shapes.json", "report.html"
+KINDS = ("height", "tiff", "exr", "normals", "contact", "mesh", "picture")
+OF_VIDEO = ("height", "contact")
+MANY = 50  # pictures from which only those that matter are drawn
+SHOWN = 12  # lines of a long table, and of what is refused
 
 
 def reconstruct(args: Namespace) -> Result:
     """Find the shape in each picture, and write it; pictures that are done are not done again."""
     import numpy as np
 
-    from designlab.core.images import ImageError, read_picture
+    from designlab.app.cli.incoming import counted_frames, files_of, pictures_in, watched
+    from designlab.core.images import read_picture
     from designlab.reconstruction.reconstructor import Reconstructor
-    from designlab.report.reconstruction import reconstruction_report, write_shape
 
-    files = _pictures(args.pictures)
-    reconstructor = Reconstructor.load(args.calibration)
-    notes: list[str] = []
     out = Path(args.out)
-    require_writable(out, made_with=RESULT)
+    files, folder = [], None
+    if args.watch is None:
+        if not args.pictures:
+            raise UsageError("PICTURES: name files, folders or patterns, or give --watch FOLDER")
+        files = files_of(args.pictures)
+    else:
+        folder = _watched_folder(args, out)
+    counts = counted_frames(files)
+    reconstructor = Reconstructor.load(args.calibration, mode=args.mode)
+    modulus = _modulus(args)
+    require_writable(out, made_with=RECORD)
+    notes: list[str] = []
+    background_drift = None
     if args.background is not None:
         background = np.asarray(read_picture(args.background), dtype=float)
         used = reconstructor.on(background)
         notes += reconstructor.drift(background)
+        background_drift = reconstructor.drift_of(background).plain()
         reconstructor = used
-    modulus = _modulus(args)
-    run = digest(Path(args.calibration).read_bytes(), *map(str, (args.background, args.mesh, modulus)))
-    known: dict[str, Any] = {"run": run, "shapes": []}
-    if (out / RESULT).is_file():
-        known = read_json(out / RESULT)
-    if known["run"] != run:
-        raise ValueError(
-            f"--out: {out} holds shapes by another calibration, background, mesh or gel; choose a new folder"
-        )
-    done = {row["file"]: row for row in known["shapes"]}
-    names = _names(files)
+    many = folder is not None or sum(count or 1 for count in counts.values()) > MANY
+    kinds = _kinds(args, many or any(counts.values()))
+    run = digest(
+        Path(args.calibration).read_bytes(),
+        *map(str, (args.background, args.mesh, modulus, args.mode, args.files)),
+    )
     out.mkdir(parents=True, exist_ok=True)
+    remove_partial(out)
     refused: list[dict[str, str]] = []
-    with bar("picture") as progress:
-        for number, path in enumerate(files):
-            progress(path.name, number, len(files))
-            content = digest(path.read_bytes())
-            if done.get(str(path), {}).get("content") == content:
-                continue
-            try:
-                image = np.asarray(read_picture(path), dtype=float)
-                shape = reconstructor(image)
-            except (ImageError, ValueError) as error:
-                text = str(error)
-                refused.append(
-                    {"file": str(path), "reason": text if str(path) in text else f"{path}: {text}"}
-                )
-                continue
-            name = names[path]
-            pitch = reconstructor.calibration.setup.mm_per_px
-            write_shape(shape, image, out, name, mm_per_px=pitch, mesh=args.mesh)
-            done[str(path)] = _row(path, name, content, shape, modulus)
-            write_json(out / RESULT, {"run": run, "shapes": list(done.values())})
-        progress("page", len(files), len(files))
-    rows = [done[str(path)] for path in files if str(path) in done]
+    with Journal(out / RECORD) as journal:
+        if not journal.rows:
+            journal.append({"run": run})
+        if journal.rows[0].get("run") != run:
+            raise ValueError(
+                f"--out: {out} holds shapes by another calibration, background, mode, mesh or gel; choose a "
+                "new folder"
+            )
+        done = {_key(row): row for row in journal.rows[1:]}
+
+        def known(key: str, content: str) -> bool:
+            return bool(done.get(key, {}).get("content") == content)
+
+        with bar("picture", shown=folder is None) as progress:
+            if folder is None:
+                incoming = pictures_in(files, counts, every=args.every, known=known, progress=progress)
+            else:
+                print(f"watching {folder}; Ctrl-C ends", file=sys.stderr, flush=True)
+                incoming = watched(folder, known=known)
+            with _ended_by_interrupt(folder is not None):
+                for one in incoming:
+                    row = _reconstructed(one, reconstructor, out, kinds, args.mesh, modulus, refused)
+                    if row is None:
+                        continue
+                    journal.append(row)
+                    done[one.key] = row
+                    if folder is not None:
+                        print("  ".join(_shown(row)), file=sys.stderr, flush=True)
+    rows = _asked_for(done, files, counts, args.every, folder)
     if not rows:
-        raise ValueError(f"no picture could be used; the first: {refused[0]['reason']}")
-    page = reconstruction_report(rows, out, out / PAGE, about=reconstructor.kept.about)
-    lines = [table(("picture", "depth mm", "contact mm2", "force N"), [_shown(row) for row in rows])]
-    lines += [f"warning: {note}" for note in notes]
-    lines += [f"warning: {row['file']}: {text}" for row in rows for text in row["warnings"]]
-    lines += [f"refused: {each['reason']}" for each in refused]
+        first = f"; the first: {refused[0]['reason']}" if refused else ""
+        raise ValueError(f"no picture could be used{first}")
+    page = _written(rows, out, reconstructor, run, kinds, many)
+    lines = [*_table(rows), *(f"warning: {note}" for note in notes), *_warnings(rows)]
+    lines += _gathered("refused: ", [each["reason"] for each in refused])
     lines.append(f"report: {page}")
-    data = {"out": args.out, "shapes": rows, "refused": refused, "notes": notes, "report": str(page)}
+    data = {
+        "out": args.out,
+        "mode": args.mode,
+        "shapes": rows,
+        "refused": refused,
+        "notes": notes,
+        "background_drift": background_drift,
+        "report": str(page),
+    }
     return Result(data, "\n".join(lines), 1 if refused else 0)
 
 
-def _pictures(wanted: list[str]) -> list[Path]:
-    """Files that are named, in folders, or that a pattern fits, each once."""
-    found: list[Path] = []
-    for text in wanted:
-        path = Path(text)
-        if path.is_dir():
-            found += sorted(each for each in path.iterdir() if each.suffix.lower() in PICTURES)
-        elif path.is_file():
-            found.append(path)
-        else:
-            matches = sorted(Path(each) for each in glob.glob(text) if os.path.isfile(each))
-            if not matches:
-                raise ValueError(f"PICTURES: {text}: no such file or folder, and no file fits the pattern")
-            found += matches
-    if not found:
-        raise ValueError(f"PICTURES: no picture in {', '.join(wanted)} ({', '.join(PICTURES)})")
-    return list(dict.fromkeys(found))
+@contextmanager
+def _ended_by_interrupt(ends: bool) -> Iterator[None]:
+    """Let Ctrl-C end what has no end of its own."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not ends:
+            raise
 
 
-def _names(files: list[Path]) -> dict[Path, str]:
-    """A name for the files of each picture; pictures of one name in several folders are numbered."""
-    names: dict[Path, str] = {}
-    for path in files:
-        name, number = path.stem, 2
-        while name in names.values():
-            name, number = f"{path.stem}-{number}", number + 1
-        names[path] = name
-    return names
+def _watched_folder(args: Namespace, out: Path) -> Path:
+    if args.pictures:
+        raise UsageError("--watch: takes the place of PICTURES; leave one of them out")
+    folder = Path(args.watch)
+    if not folder.is_dir():
+        raise ValueError(f"--watch: {folder}: no such folder")
+    if out.resolve() == folder.resolve():
+        raise ValueError(f"--out: {out} is the folder that is watched; choose another")
+    return folder
+
+
+def _kinds(args: Namespace, stream: bool) -> tuple[str, ...]:
+    """Kinds of files that are written of each picture."""
+    if args.files is not None:
+        chosen = tuple(args.files)
+    elif args.mode == "video":
+        chosen = OF_VIDEO
+    else:
+        chosen = tuple(kind for kind in KINDS if kind != "picture" or not stream)
+    return tuple(kind for kind in chosen if kind != "mesh" or args.mesh != "none")
+
+
+def _reconstructed(
+    one: "Incoming",
+    reconstructor: "Reconstructor",
+    out: Path,
+    kinds: Sequence[str],
+    mesh: str,
+    modulus: float | None,
+    refused: list[dict[str, str]],
+) -> dict[str, Any] | None:
+    """Reconstruct and write one picture; None where it is refused."""
+    from designlab.core.images import ImageError
+    from designlab.report.reconstruction import write_shape
+
+    try:
+        image = one.read()
+        shape = reconstructor(image)
+    except (ImageError, ValueError) as error:
+        text, place = str(error), str(one.file) if one.frame is None else f"{one.file}, frame {one.frame}"
+        refused.append(
+            {"file": str(one.file), "reason": text if str(one.file) in text else f"{place}: {text}"}
+        )
+        return None
+    pitch = reconstructor.calibration.setup.mm_per_px
+    write_shape(shape, image, out, one.name, mm_per_px=pitch, mesh=mesh, kinds=kinds)
+    return {
+        "file": str(one.file),
+        "frame": one.frame,
+        "name": one.name,
+        "content": one.content,
+        "depth_mm": float(shape.depth_mm),
+        "contact_area_mm2": shape.contact_area_mm2,
+        "force_n": None if modulus is None else shape.force_n(modulus),
+        "drift": shape.drift.plain(),
+        "warnings": list(shape.warnings),
+    }
+
+
+def _key(row: dict[str, Any]) -> str:
+    return str(row["file"]) if row["frame"] is None else f"{row['file']}#{row['frame']}"
+
+
+def _asked_for(
+    done: dict[str, dict[str, Any]],
+    files: list[Path],
+    counts: dict[Path, int | None],
+    every: int,
+    folder: Path | None,
+) -> list[dict[str, Any]]:
+    """Rows of the pictures that this command names, in their order."""
+    if folder is not None:
+        return [row for row in done.values() if Path(row["file"]).parent == folder]
+    place = {str(path): number for number, path in enumerate(files)}
+    rows = [row for row in done.values() if row["file"] in place and (row["frame"] or 0) % every == 0]
+    return sorted(rows, key=lambda row: (place[row["file"]], row["frame"] or 0))
+
+
+def _written(
+    rows: list[dict[str, Any]],
+    out: Path,
+    reconstructor: "Reconstructor",
+    run: str,
+    kinds: Sequence[str],
+    many: bool,
+) -> Path:
+    """Write the record of all shapes and the page; draw what matters where not all are drawn."""
+    from designlab.app.cli.incoming import frame_again
+    from designlab.core.images import ImageError, read_picture
+    from designlab.report.reconstruction import draw_shape, reconstruction_report, that_matter
+
+    matter = that_matter(rows) if many or "picture" not in kinds else rows
+    for row in matter:
+        if not (out / f"{row['name']}.png").is_file():
+            path = Path(row["file"])
+            try:
+                image: Array = (
+                    read_picture(path) if row["frame"] is None else frame_again(path, row["frame"])
+                ).astype(float)
+                shape = reconstructor(image)
+            except (ImageError, ValueError):  # gone or overwritten since: the page does without
+                continue
+            draw_shape(shape, image, out, row["name"], reconstructor.calibration.setup.mm_per_px)
+    write_json(out / RESULT, {"run": run, "shapes": rows})
+    return reconstruction_report(rows, out, out / PAGE, about=reconstructor.kept.about, matter=matter)
 
 
 def _modulus(args: Namespace) -> float | None:
@@ -127,18 +243,37 @@ def _modulus(args: Namespace) -> float | None:
     return None if args.gel is None else gel_material(args.gel).modulus_mpa
 
 
-def _row(path: Path, name: str, content: str, shape: "PressShape", modulus: float | None) -> dict[str, Any]:
-    return {
-        "file": str(path),
-        "name": name,
-        "content": content,
-        "depth_mm": shape.depth_mm,
-        "contact_area_mm2": shape.contact_area_mm2,
-        "force_n": None if modulus is None else shape.force_n(modulus),
-        "warnings": list(shape.warnings),
-    }
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    """All pictures, or of many those that matter and how many there are."""
+    from designlab.report.reconstruction import that_matter
+
+    head = ("picture", "depth mm", "contact mm2", "force N")
+    if len(rows) <= MANY:
+        return [table(head, [_shown(row) for row in rows])]
+    few = table(head, [_shown(row) for row in that_matter(rows)])
+    return [f"{len(rows)} pictures; those that matter:", few]
 
 
-def _shown(row: dict[str, Any]) -> tuple[str, ...]:
+def _warnings(rows: list[dict[str, Any]]) -> list[str]:
+    if len(rows) <= MANY:
+        return [f"warning: {_place(row)}: {text}" for row in rows for text in row["warnings"]]
+    return _gathered("warning: ", [text for row in rows for text in row["warnings"]])
+
+
+def _gathered(head: str, texts: list[str]) -> list[str]:
+    """Texts line by line; of many, those that differ in more than numbers, and how often each occurs."""
+    if len(texts) <= SHOWN:
+        return [f"{head}{text}" for text in texts]
+    kinds: dict[str, list[str]] = {}
+    for text in texts:
+        kinds.setdefault(re.sub(r"[\d.+-]+", "#", text), []).append(text)
+    return [f"{head}{len(same)} times, the first: {same[0]}" for same in kinds.values()]
+
+
+def _place(row: Mapping[str, Any]) -> str:
+    return str(row["file"]) if row["frame"] is None else f"{row['file']}, frame {row['frame']}"
+
+
+def _shown(row: Mapping[str, Any]) -> tuple[str, ...]:
     force = "-" if row["force_n"] is None else f"{row['force_n']:.3g}"
-    return row["file"], f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force
+    return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force

@@ -1,10 +1,10 @@
 """A sensor calibrated on pictures of ball presses, with its errors on balls left out."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,6 +17,7 @@ from designlab.measurement import MeasurementError, load_measurement
 from designlab.reconstruction.ball_samples import Setup, known_gel
 from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.calibration_file import Kept
+from designlab.reconstruction.drift import Untouched, drift_between
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.lab import (
     LabCalibration,
@@ -251,17 +252,36 @@ def calibrate_balls(
     work.begin("calibration")
     calibration = calibrate(known, balls.background, setup, method=method)
     work.end()
-    taught = [_taught(calibration, ball) for ball in known]
     mean = LeftOut(*(float(np.mean(values)) for values in zip(*errors, strict=True)))
     about = {
         "balls": len(known),
         "ball_mm": 2 * balls.radius_mm,
         "normal_error_deg": mean.contact_deg,
         "height_error_um": 1000 * mean.height_mm,
-        "strange_beyond": _strange_beyond(taught),
     }
-    kept = Kept(calibration, np.concatenate(taught), about)
+    kept = kept_of(calibration, known, about)
     return BallCalibration(kept, balls._replace(balls=known), tuple(errors), gel)
+
+
+def kept_of(calibration: LabCalibration, balls: Sequence[BallPress], about: Mapping[str, Any]) -> Kept:
+    """What a file holds of a calibration on balls: also their colours, and how their pictures differ from it.
+
+    Parameters
+    ----------
+    calibration : LabCalibration
+        Made from the balls.
+    balls : sequence of BallPress
+        At least two.
+    about : mapping
+        Plain data about it.
+    """
+    taught = [_taught(calibration, ball) for ball in balls]
+    told = {
+        **about,
+        "strange_beyond": _strange_beyond(taught),
+        "usual_gain": _usual_gain(balls, calibration.background),
+    }
+    return Kept(calibration, np.concatenate(taught), told)
 
 
 def _taught(calibration: LabCalibration, ball: BallPress) -> Array:
@@ -279,6 +299,14 @@ def _strange_beyond(taught: Sequence[Array]) -> float:
         others = np.concatenate([*taught[:number], *taught[number + 1 :]])
         far.append(cKDTree(others).query(own)[0])
     return STRANGE_MARGIN * float(np.quantile(np.concatenate(far), STRANGE_QUANTILE))
+
+
+def _usual_gain(balls: Sequence[BallPress], background: Array) -> list[float]:
+    """Brightness of the gel beside the balls over that of the untouched gel, which the maps have learned."""
+    untouched = Untouched.of(background)
+    found = [drift_between(untouched, np.asarray(ball.image, dtype=float), place=False) for ball in balls]
+    known = [each.gain for each in found if each.known]
+    return [float(value) for value in np.median(known, axis=0)] if known else [1.0] * background.shape[-1]
 
 
 def _reason(ball: BallPress) -> str:

@@ -1,0 +1,149 @@
+"""What has changed since the untouched gel, beside a press: brightness, white balance, place."""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, zoom
+
+from designlab.core.types import Array, Mask
+
+BLOCK_PX = 8  # blocks over which brightness is compared
+ALIKE = 0.04  # ratios of brightness that differ by less in every colour are of gel that nothing touches
+CANDIDATES = 50  # blocks that are tried for its ratio
+ROUNDS = 4
+ENOUGH = 0.2  # share of the picture from which the ratio is that of the untouched gel
+SURE = 0.01  # standard error of the ratio from which it is not known
+INDEPENDENT = 9  # blocks that err alike: the light's unevenness, compressed video
+EDGE = 3  # blocks over which what is touched is faded out
+STANDS_OUT = 8  # standard deviations of the correlation from which a shift is one
+
+
+class Drift(NamedTuple):
+    """Change of a picture against the untouched gel, by the pixels that nothing touches.
+
+    Attributes
+    ----------
+    gain : tuple of float
+        Brightness of each channel over that of the untouched gel.
+    gain_error : tuple of float
+        Their standard errors.
+    untouched : float
+        Share of the picture that it follows from.
+    shift_px : tuple of int or None
+        How far the gel has moved to the right and up; None where no structure of the gel stands out, or it
+        was not looked for.
+    """
+
+    gain: tuple[float, ...]
+    gain_error: tuple[float, ...]
+    untouched: float
+    shift_px: tuple[int, int] | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether enough of the picture is untouched to tell the gain."""
+        return self.untouched >= ENOUGH and max(self.gain_error) <= SURE
+
+    def plain(self) -> dict[str, object]:
+        """Plain data; a gain that is not known is null."""
+        return {
+            "gain": [round(value, 4) for value in self.gain] if self.known else None,
+            "gain_error": [round(value, 4) for value in self.gain_error] if self.known else None,
+            "untouched": round(self.untouched, 3),
+            "shift_px": None if self.shift_px is None else list(self.shift_px),
+        }
+
+
+class Untouched(NamedTuple):
+    """The untouched gel: its picture, and the means over its blocks."""
+
+    image: Array
+    blocks: Array
+
+    @classmethod
+    def of(cls, image: Array) -> Self:
+        """Of a picture, shape (rows, columns, channels)."""
+        return cls(image, _blocks(image))
+
+
+def drift_between(untouched: Untouched, image: Array, *, place: bool = True) -> Drift:
+    """Estimate what has changed between two pictures, one of which may show a press.
+
+    A press changes the ratio of brightness differently in every place and colour. The ratio that most blocks
+    share is that of the gel which nothing touches.
+
+    Parameters
+    ----------
+    untouched : Untouched
+        The gel untouched.
+    image : array, shape (rows, columns, channels)
+        A picture of it, with a press or without.
+    place : bool
+        Whether to look for a shift.
+    """
+    ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
+    gain, alike = _most_common(ratio.reshape(-1, ratio.shape[-1]))
+    inside = ratio.reshape(-1, ratio.shape[-1])[alike]
+    spread = 1.4826 * np.median(np.abs(inside - gain), axis=0)
+    error = 1.2533 * spread / np.sqrt(max(len(inside) / INDEPENDENT, 1.0))
+    moved = None
+    if place and alike.mean() >= ENOUGH:
+        beside = alike.reshape(ratio.shape[:2])
+        moved = shift_px(untouched.image.mean(axis=-1), image.mean(axis=-1), beside)
+    return Drift(tuple(map(float, gain)), tuple(map(float, error)), float(alike.mean()), moved)
+
+
+def shift_px(before: Array, now: Array, untouched: Mask | None = None) -> tuple[int, int] | None:
+    """How far fine structure has moved to the right and up, by phase correlation; None where none stands out.
+
+    Parameters
+    ----------
+    before, now : array, shape (rows, columns)
+        Pictures of one channel.
+    untouched : bool array, optional
+        Coarser mask of what shows the gel alone; all when absent.
+    """
+    rows, columns = before.shape
+    fine = [image - gaussian_filter(image, 4.0) for image in (before, now)]
+    if untouched is not None:
+        kept = 1 - gaussian_filter((~untouched).astype(float), EDGE, mode="nearest")
+        kept = np.clip(2 * kept - 1, 0, 1)
+        kept = zoom(
+            kept, (rows / kept.shape[0], columns / kept.shape[1]), order=1, grid_mode=True, mode="nearest"
+        )
+        fine = [kept * image for image in fine]
+    spectra = [np.fft.rfft2(image) for image in fine]
+    cross = spectra[1] * spectra[0].conj()
+    peak = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-12), s=before.shape)
+    row, column = np.unravel_index(int(peak.argmax()), peak.shape)
+    if peak.max() < STANDS_OUT * peak.std():
+        return None
+    down = int((row + rows // 2) % rows - rows // 2)
+    right = int((column + columns // 2) % columns - columns // 2)
+    return right, -down
+
+
+def _blocks(image: Array) -> Array:
+    """Means over blocks, shape (blocks, blocks, channels), without what is left at the right and below."""
+    rows, columns = (max(side // BLOCK_PX, 1) for side in image.shape[:2])
+    down, across = image.shape[0] // rows, image.shape[1] // columns
+    part = image[: rows * down, : columns * across]
+    # every second pixel is enough
+    parted = part.reshape(rows, down, columns, across, -1)[:, ::2, :, ::2]
+    return np.asarray(parted.mean(axis=(1, 3)))
+
+
+def _most_common(ratio: Array) -> tuple[Array, Mask]:
+    """The ratio, (channels,), with the most others near it, and which those are."""
+
+    def near(value: Array) -> Mask:
+        return np.asarray((np.abs(ratio / value - 1) < ALIKE).all(axis=-1))
+
+    tried = ratio[:: max(1, len(ratio) // CANDIDATES)]
+    tried = tried[(tried > 0).all(axis=-1)]
+    if not len(tried):
+        return np.ones(ratio.shape[-1]), np.zeros(len(ratio), dtype=bool)
+    gain = max(tried, key=lambda value: int(near(value).sum()))
+    for _ in range(ROUNDS):
+        gain = np.median(ratio[near(gain)], axis=0)
+    return gain, near(gain)

@@ -1,0 +1,278 @@
+"""Shapes at the rate of video: the maps of a calibration read from a table, heights on a coarser grid."""
+
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.fft import dstn, idstn
+from scipy.ndimage import gaussian_filter
+from scipy.sparse import csr_array
+
+from designlab.core.types import Array, Single
+from designlab.reconstruction.colour_table import ColourTable
+from designlab.reconstruction.lab import LabCalibration
+from designlab.reconstruction.methods import outputs_at
+
+_STEEPEST = 0.97  # sine of the steepest slope that is believed
+_LEAST_WEIGHT = 1e-3
+_COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
+_ROUNDS, _SETTLED = 12, 3e-3
+
+
+class VideoMaps:
+    """A calibration made fast.
+
+    Colours are smoothed over some pixels before they are read, so cells of about that size lose nothing:
+    maps are read and slopes integrated on cells, and heights then interpolated to the pixels.
+
+    Parameters
+    ----------
+    calibration : LabCalibration
+        The maps.
+    taught : array, shape (samples, 3)
+        Changes of colour that the balls showed.
+
+    Raises
+    ------
+    ValueError
+        If the pictures have other than three colours.
+    """
+
+    def __init__(self, calibration: LabCalibration, taught: Array) -> None:
+        self.calibration = calibration
+        self.cell_px = max(1, int(calibration.setup.smoothing_px))
+        self.table = ColourTable.of(partial(_outputs, calibration), taught)
+        self._detail = calibration.detail_px / self.cell_px if calibration.rim is not None else 0.0
+        rows, columns = calibration.background.shape[:2]
+        self._cells = -(-rows // self.cell_px), -(-columns // self.cell_px)
+        # what is left of the smoothing once the mean over a cell is taken
+        left = calibration.setup.smoothing_px**2 - (self.cell_px**2 - 1) / 12
+        self._smoothing = np.sqrt(max(left, 0.0)) / self.cell_px
+        self._solver = _Poisson(self._cells, self.cell_px * calibration.setup.mm_per_px)
+        self._up = _interpolation(rows, self._cells[0], self.cell_px)
+        self._across = _interpolation(columns, self._cells[1], self.cell_px)
+
+    def warm_up(self) -> None:
+        """Compile what is compiled, so that the first picture takes no longer than others."""
+        self.normals(self.height_mm(self.change(self.calibration.background.astype(np.float32))))
+
+    def on(self, calibration: LabCalibration) -> "VideoMaps":
+        """The same maps on another picture of the untouched gel."""
+        made = object.__new__(type(self))
+        made.__dict__.update({k: v for k, v in vars(self).items() if k != "_background"})
+        made.calibration = calibration
+        return made
+
+    @cached_property
+    def _background(self) -> tuple[Single, Single]:
+        """The untouched gel, and what a change of it is divided by."""
+        background, spread = self.calibration.background, self.calibration.spread
+        scale = 1 / (background.mean(axis=(0, 1)) * spread)
+        return background.astype(np.float32), scale.astype(np.float32)
+
+    def change(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Change of colour on cells, in units of the spread, shape (cells, cells, 3)."""
+        background, scale = self._background
+        found = np.empty((*self._cells, 3), dtype=np.float32)
+        _binned(image, background, scale, self.cell_px, found)
+        if self._smoothing:
+            found = gaussian_filter(
+                found, (self._smoothing, self._smoothing, 0), mode="nearest", truncate=3.0
+            )
+        return found
+
+    def height_mm(self, change: NDArray[Any]) -> NDArray[Any]:
+        """Height at the pixels, from a change of colour on cells."""
+        found = self.table(change)
+        slopes = np.empty((4, *self._cells), dtype=np.float32)
+        _gradients(found, slopes)
+        weight = np.exp(-found[..., 4])
+        height = self._solver.weighted(slopes[0], slopes[1], weight)
+        if self._detail:
+            more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
+            height += self._solver.fine(more, self._detail)
+        return np.ascontiguousarray((self._across @ (self._up @ height).T).T)
+
+    def normals(self, height_mm: NDArray[Any]) -> NDArray[Any]:
+        """Unit normals of a height at the pixels, shape (rows, columns, 3)."""
+        found = np.empty((*height_mm.shape, 3), dtype=np.float32)
+        _normals(height_mm, np.float32(1 / self.calibration.setup.mm_per_px), found)
+        return found
+
+
+def _outputs(calibration: LabCalibration, colour: Array, place: Array) -> Array:
+    """What the table holds: slopes by both maps, and the logarithm of the expected error; (N, 5)."""
+    if calibration.alike is None:
+        raise ValueError("mode: video needs maps of one method, as `designlab calibrate --balls` writes them")
+    slopes, errors = calibration.alike
+    found = outputs_at(slopes, colour, place)
+    if calibration.rim is None:
+        found = np.tile(found, 2)
+    course = outputs_at(errors[:1], colour, place) if errors else np.zeros((len(colour), 1))
+    return np.concatenate([found, course], axis=1)
+
+
+class _Poisson:
+    """Poisson's equation on cells, with height 0 at the edge of the picture."""
+
+    def __init__(self, cells: tuple[int, int], cell_mm: float) -> None:
+        self._cell = np.float32(cell_mm)
+        down, across = (np.pi * np.arange(1, count + 1) / count for count in cells)
+        waves = (2 - 2 * np.cos(across)) + (2 - 2 * np.cos(down))[:, None]
+        self._inverse = (1 / waves).astype(np.float32)
+        self._squared = (across**2 + down[:, None] ** 2).astype(np.float32)
+
+    def _solved(self, source: Single) -> Single:
+        return np.asarray(idstn(dstn(source, type=2, overwrite_x=False) * self._inverse, type=2))
+
+    def fine(self, height: Single, sigma_cells: float) -> Single:
+        """A height without what a Gaussian of some cells leaves of it."""
+        kept = 1 - np.exp(-self._squared * np.float32(sigma_cells**2 / 2))
+        return np.asarray(idstn(dstn(height, type=2) * kept, type=2))
+
+    def weighted(self, p: Single, q: Single, weight: Single) -> Single:
+        """Height whose slopes fit best, by conjugate gradients; see `height.integrate`."""
+        weight = np.maximum(weight / weight.max(), np.float32(_LEAST_WEIGHT))
+        course = gaussian_filter(np.log(weight), _COURSE_CELLS, mode="nearest")
+        scale = np.exp(-course / 2)
+        rest, step_of = np.empty_like(p), np.empty_like(p)
+        _source(p, q, weight, rest)
+        height = np.zeros_like(p)
+        near = scale * self._solved(scale * rest)
+        along, power = near.copy(), float(np.vdot(rest, near))
+        start = power
+        for _ in range(_ROUNDS):
+            _applied(along, weight, step_of)
+            share = np.float32(power / max(float(np.vdot(along, step_of)), 1e-30))
+            height += share * along
+            rest -= share * step_of
+            near = scale * self._solved(scale * rest)
+            before, power = power, float(np.vdot(rest, near))
+            if power <= _SETTLED**2 * start:
+                break
+            along = near + np.float32(power / before) * along
+        return np.asarray(self._cell * height)
+
+
+def _interpolation(pixels: int, cells: int, cell_px: int) -> csr_array:
+    """Cubic interpolation from cells to pixels; beyond the edge heights go on with their sign turned."""
+    at = (np.arange(pixels) + 0.5) / cell_px - 0.5
+    first = np.floor(at).astype(int) - 1
+    t = (at - np.floor(at))[:, None]
+    # Keys 1981
+    weights = np.concatenate(
+        [
+            -0.5 * t + t**2 - 0.5 * t**3,
+            1 - 2.5 * t**2 + 1.5 * t**3,
+            0.5 * t + 2 * t**2 - 1.5 * t**3,
+            -0.5 * t**2 + 0.5 * t**3,
+        ],
+        axis=1,
+    )
+    cell = first[:, None] + np.arange(4)
+    outside = (cell < 0) | (cell >= cells)
+    cell = np.where(cell < 0, -1 - cell, np.where(cell >= cells, 2 * cells - 1 - cell, cell))
+    row = np.repeat(np.arange(pixels), 4)
+    signed = np.where(outside, -weights, weights)
+    return csr_array((signed.ravel().astype(np.float32), (row, cell.ravel())), shape=(pixels, cells))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _binned(image: Single, background: Single, scale: Single, cell_px: int, found: Single) -> None:
+    rows, columns = image.shape[:2]
+    for row in range(found.shape[0]):
+        for column in range(found.shape[1]):
+            a = b = c = np.float32(0)
+            count = 0
+            for i in range(row * cell_px, min((row + 1) * cell_px, rows)):
+                for j in range(column * cell_px, min((column + 1) * cell_px, columns)):
+                    a += image[i, j, 0] - background[i, j, 0]
+                    b += image[i, j, 1] - background[i, j, 1]
+                    c += image[i, j, 2] - background[i, j, 2]
+                    count += 1
+            found[row, column, 0] = a * scale[0] / count
+            found[row, column, 1] = b * scale[1] / count
+            found[row, column, 2] = c * scale[2] / count
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _gradients(found: Single, slopes: Single) -> None:
+    """Gradients of slope vectors, see `methods.slope_gradients`."""
+    for row in range(found.shape[0]):
+        for column in range(found.shape[1]):
+            for first in (0, 2):
+                x, y = found[row, column, first], found[row, column, first + 1]
+                size = np.sqrt(x * x + y * y)
+                cut = min(np.float32(1), np.float32(_STEEPEST) / max(size, np.float32(1e-12)))
+                x, y = x * cut, y * cut
+                up = np.sqrt(1 - x * x - y * y)
+                slopes[first, row, column], slopes[first + 1, row, column] = x / up, y / up
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _source(p: Single, q: Single, weight: Single, source: Single) -> None:
+    """Weighted divergence of slopes, its sign turned; y falls as the row rises."""
+    rows, columns = p.shape
+    for row in range(rows):
+        for column in range(columns):
+            own = weight[row, column]
+            right, left = own * p[row, column], own * p[row, column]
+            down, up = own * q[row, column], own * q[row, column]
+            if column < columns - 1:
+                w = min(own, weight[row, column + 1])
+                right = w * (p[row, column] + p[row, column + 1]) / 2
+            if column > 0:
+                w = min(own, weight[row, column - 1])
+                left = w * (p[row, column] + p[row, column - 1]) / 2
+            if row < rows - 1:
+                w = min(own, weight[row + 1, column])
+                down = w * (q[row, column] + q[row + 1, column]) / 2
+            if row > 0:
+                w = min(own, weight[row - 1, column])
+                up = w * (q[row, column] + q[row - 1, column]) / 2
+            source[row, column] = left - right + down - up
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _applied(height: Single, weight: Single, found: Single) -> None:
+    """Weighted second difference, its sign turned, of a height that is 0 at the edge."""
+    rows, columns = height.shape
+    for row in range(rows):
+        for column in range(columns):
+            own, here = weight[row, column], height[row, column]
+            total = np.float32(0)
+            if column < columns - 1:
+                total += min(own, weight[row, column + 1]) * (here - height[row, column + 1])
+            else:
+                total += own * 2 * here
+            if column > 0:
+                total += min(own, weight[row, column - 1]) * (here - height[row, column - 1])
+            else:
+                total += own * 2 * here
+            if row < rows - 1:
+                total += min(own, weight[row + 1, column]) * (here - height[row + 1, column])
+            else:
+                total += own * 2 * here
+            if row > 0:
+                total += min(own, weight[row - 1, column]) * (here - height[row - 1, column])
+            else:
+                total += own * 2 * here
+            found[row, column] = total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _normals(height: Single, per_mm: np.float32, found: Single) -> None:
+    """Unit normals by the differences of `height.gradients_of`."""
+    rows, columns = height.shape
+    for row in range(rows):
+        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        for column in range(columns):
+            left, right = max(column - 1, 0), min(column + 1, columns - 1)
+            p = (height[row, right] - height[row, left]) * per_mm / (right - left)
+            q = (height[above, column] - height[below, column]) * per_mm / (below - above)
+            size = 1 / np.sqrt(1 + p * p + q * q)
+            found[row, column, 0] = -p * size
+            found[row, column, 1] = -q * size
+            found[row, column, 2] = size

@@ -1,0 +1,140 @@
+"""Mode video against mode accurate, on made presses whose surface is known."""
+
+import resource
+
+import numpy as np
+import pytest
+
+from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction.colour_table import OUTPUTS, ColourTable
+from designlab.reconstruction.height import integrate, normals
+from designlab.reconstruction.reconstructor import Reconstructor
+from tests.helpers.ball_pictures import UNTOUCHED, coin, exposed, pressed, pressed_twice
+from tests.reconstruction.test_lab import PITCH_MM, SHAPE, SURFACE, picture, slopes
+
+BOTH = ("accurate", "video")
+
+
+@pytest.fixture(scope="module")
+def both(file):
+    return {mode: Reconstructor.load(file, mode=mode) for mode in BOTH}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("centre", "contact_px"), [((55, 45), 12.0), ((80, 70), 10.0), ((40, 80), 14.0), ((100, 40), 8.0)]
+)
+def test_a_frame_is_nearly_as_good_as_a_picture(both, centre, contact_px):
+    p, q, r_px = slopes(centre, contact_px)
+    near = r_px < 1.5 * contact_px
+    truth_mm = integrate(p, q, pitch_mm=PITCH_MM, boundary="dirichlet")
+    angle, off_mm, force = {}, {}, {}
+    for mode, reconstructor in both.items():
+        shape = reconstructor(exposed(picture(p, q, noise=0.01)))
+        angle[mode] = normal_error_deg(shape.normals.astype(float), normals(p, q))[near].mean()
+        off_mm[mode] = np.sqrt(((shape.height_mm - truth_mm)[near] ** 2).mean())
+        force[mode] = shape.force_n(1.0)
+        touched = r_px < contact_px
+        assert (shape.contact & touched).sum() > 0.6 * (shape.contact | touched).sum()
+        assert shape.warnings == ()
+    assert angle["video"] < 1.15 * angle["accurate"] + 0.05
+    assert off_mm["video"] < 1.15 * off_mm["accurate"] + 0.001
+    assert force["video"] == pytest.approx(force["accurate"], rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", BOTH)
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (((40, 40), 9.0), ((100, 80), 9.0)),
+        (((35, 60), 11.0), ((105, 60), 8.0)),
+        (((40, 90), 7.0), ((95, 30), 10.0)),
+    ],
+)
+def test_two_contacts_are_two(both, mode, first, second):
+    shape = both[mode](pressed_twice(first, second))
+    for (column, row), radius_px in (first, second):
+        assert shape.contact[row, column]
+        expected = SURFACE.depth_mm(radius_px * PITCH_MM)
+        assert shape.height_mm[row, column] == pytest.approx(expected, rel=0.15)
+    between = tuple(np.mean([first[0], second[0]], axis=0).astype(int))
+    assert not shape.contact[between[1], between[0]]
+
+
+@pytest.mark.slow
+def test_the_untouched_gel_is_flat_and_nothing_touches_it(both):
+    shape = both["video"](UNTOUCHED)
+    assert np.abs(shape.height_mm).max() < 1e-6
+    assert not shape.contact.any()
+    assert any("nothing touches" in text for text in shape.warnings)
+
+
+@pytest.mark.slow
+def test_another_background_keeps_the_table(both):
+    lamp = np.array([1.0, 0.9, 1.05], dtype=np.float32)
+    on = both["video"].on(UNTOUCHED * lamp)
+    assert on.video.table is both["video"].video.table
+    usual, today = both["video"](pressed()), on(pressed() * lamp)
+    assert today.depth_mm == pytest.approx(usual.depth_mm, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.faults
+def test_what_mode_video_cannot_do_is_said(file, both):
+    with pytest.raises(ValueError, match="mode: must be accurate or video, got 'fast'"):
+        Reconstructor.load(file, mode="fast")
+    with pytest.raises(ValueError, match="mask: mode video takes none"):
+        both["video"](pressed(), mask=np.ones(SHAPE, dtype=bool))
+    with pytest.raises(ValueError, match="must be 140 x 120 pixels of 3 channels"):
+        both["video"](pressed()[..., :1])
+    with pytest.raises(ValueError, match="needs pictures of 3 colours, got 1"):
+        ColourTable.of(lambda colour, place: np.zeros((len(colour), OUTPUTS)), np.zeros((4, 1)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "bend", "worst"),
+    [((1.0, -2.0, 0.5), 0.0, 1e-5), ((0.3, 1.0, 1.0), 0.2, 0.004), ((2.0, 0, 1), 0.5, 0.01)],
+)
+def test_a_table_gives_back_what_it_was_made_of(gain, bend, worst):
+    """Linear maps exactly; curved ones right on average, and exactly where nothing changes."""
+
+    def outputs(colour, place):
+        straight = colour @ np.array(gain) * (1 + 0.2 * place[0] - 0.1 * place[1])
+        return np.repeat((straight + bend * (1 - np.cos(colour[:, 0])))[:, None], OUTPUTS, axis=1)
+
+    random = np.random.default_rng(3)
+    table = ColourTable.of(outputs, random.uniform(-2, 2, size=(200, 3)))
+    change = random.uniform(-1.8, 1.8, size=(30, 40, 3)).astype(np.float32)
+    change[4, 5] = 0
+    found = table(change)
+    y, x = np.meshgrid(np.linspace(1, -1, 30), np.linspace(-1, 1, 40), indexing="ij")
+    truth = np.array(
+        [
+            [outputs(change[i, j][None].astype(float), (x[i, j], y[i, j]))[0] for j in range(40)]
+            for i in range(30)
+        ]
+    )
+    assert np.abs(found - truth).max() < max(worst, 2e-5)
+    assert np.abs((found - truth).mean()) < worst / 10 + 1e-6
+    assert (found[4, 5] == 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_a_thousand_frames_take_no_memory(both):
+    frames = [pressed((40 + at, 60), 8.0 + at / 10).astype(np.float32) for at in range(40)]
+    held_mb = []
+    for number in range(1000):
+        both["video"](frames[number % len(frames)])
+        if number in (100, 999):
+            held_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    assert held_mb[1] - held_mb[0] < 5
+
+
+@pytest.mark.slow
+def test_a_coin_has_its_relief_in_both_modes(both):
+    p, q = coin(SHAPE)
+    image = exposed(picture(p, q))
+    heights = [both[mode](image, pressure=False).height_mm for mode in BOTH]
+    assert np.corrcoef(heights[0].ravel(), heights[1].ravel())[0, 1] > 0.99
