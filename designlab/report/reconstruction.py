@@ -207,10 +207,13 @@ def reconstruction_report(
     write_atomic(folder / TABLE, _csv(rows))
     doubtful = [row for row in rows if row["warnings"]]
     deepest = max(rows, key=lambda row: float(row["depth_mm"]))
+    simulated = about.get("simulated")
     error = (
-        f"By the balls, normals are good to {about['normal_error_deg']:.1f} deg and heights to "
-        f"{about['height_error_um']:.0f} µm."
+        f"By {'simulated presses' if simulated else 'the balls'}, normals are good to "
+        f"{about['normal_error_deg']:.1f} deg and heights to {about['height_error_um']:.0f} µm."
     )
+    if simulated:
+        error += f" That holds for the model {about['model']}, not for the sensor."
     answer = (
         f"The deepest of {counted(len(rows), 'picture')}, {_called(deepest)}, shows a press of "
         f"{deepest['depth_mm']:.3f} mm. {error}",
@@ -224,6 +227,9 @@ def reconstruction_report(
         if row is not deepest and (folder / f"{row['name']}.png").is_file()
     ]
     sections = []
+    if simulated:
+        told = [*about["warnings"], *about["notes"]]
+        sections.append(Section("Model and sensor", (listed(told),)))
     if len(rows) > MANY:
         written = io.BytesIO()
         course_picture(rows).savefig(written, format="png", dpi=110)
