@@ -100,7 +100,9 @@ class Model(Source):
         try:
             views_that_fit(self._model.effective_design(), self._background.shape, crop_px)
         except ValueError as error:
-            raise ValueError(f"--background: {background}: {error}") from None
+            field, _, rule = str(error).partition(": ")
+            where = "--crop-px" if field == "crop_px" else f"--background: {background}"
+            raise ValueError(f"{where}: {rule}") from None
         self.content = digest(self._model.digest, Path(background).read_bytes(), str((response, crop_px)))
 
     def prepared(self, out: Path) -> Used:

@@ -137,7 +137,11 @@ def views_that_fit(design: Design, shape: tuple[int, ...], crop_px: Crop | None 
                 f"background: must have the proportions of crop_px, {width} x {height} px, got {columns} x "
                 f"{rows} px"
             )
-        return {"the stated part of the sensor": View(*map(float, crop_px), columns, rows)}
+        return {
+            "the stated part of the sensor": View(
+                float(x), float(y), float(width), float(height), columns, rows
+            )
+        }
     whole = View(0.0, 0.0, float(camera.width_px), float(camera.height_px), columns, rows)
     fits = {}
     if abs(camera.height_px * columns / camera.width_px - rows) <= 1.0:
@@ -203,9 +207,10 @@ def teach_on_model(
         simulator = Simulator(model, view=_coarse(view), samples=samples, seed=seed)
         untouched = simulator.frame(None)
         protocol = EvaluationProtocol(design, exposure(design, untouched), seed, model)
-        rendered = protocol.background(untouched, simulator.frame(None, seed=seed + 1))
+        again = simulator.frame(None, seed=seed + 1)
+        rendered = np.asarray(protocol.background(untouched, again), dtype=float)
         found = differences_of(background, rendered, untouched, design)
-        seen.append((found, simulator, untouched, protocol, np.asarray(rendered, dtype=float)))
+        seen.append((found, simulator, untouched, protocol, rendered))
     chosen = min(range(len(seen)), key=lambda at: sum(each.structure for each in seen[at][0]))
     differences, simulator, untouched, protocol, rendered = seen[chosen]
     frames = []
