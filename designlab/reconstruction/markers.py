@@ -137,7 +137,8 @@ def _spots(image: Array) -> list[_Spot]:
     dark = 1 - level / np.maximum(around, 1e-12)
     rows, columns = level.shape
     found = []
-    for part in regionprops(label(dark > DARKER), intensity_image=dark):
+    parts = label(dark > DARKER)  # type: ignore[no-untyped-call]
+    for part in regionprops(parts, intensity_image=dark):  # type: ignore[no-untyped-call]
         if part.area < LEAST_PX:
             continue
         row, column = part.centroid_weighted

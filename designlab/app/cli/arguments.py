@@ -282,6 +282,20 @@ def _add_designs(add: Any) -> None:
         type=int,
         default=None,
     )
+    _option(
+        shapes,
+        "--markers",
+        "printed markers: looked for in the background, left out of shapes and followed; none ignores them",
+        choices=("auto", "none"),
+        default="auto",
+    )
+    _option(
+        shapes,
+        "--camera-mm Z",
+        "with markers and --calibration, distance of the camera from the gel, for the shear (mm)",
+        type=float,
+        default=None,
+    )
     _option(shapes, "--background FILE", "today's picture of the untouched gel", default=None)
     _option(
         shapes, "--gel NAME", "material of the gel, for forces; see docs/reference/catalogue.md", default=None

@@ -19,6 +19,7 @@ from designlab.core.store import digest, remove_partial, write_json
 if TYPE_CHECKING:
     from designlab.app.cli.incoming import Incoming
     from designlab.app.cli.shape_source import Used
+    from designlab.reconstruction.reconstructor import PressShape
 
 RECORD, RESULT, PAGE = "shapes.jsonl", "shapes.json", "report.html"
 KINDS = ("height", "tiff", "exr", "normals", "contact", "mesh", "picture")
@@ -46,7 +47,7 @@ def reconstruct(args: Namespace) -> Result:
     require_writable(out, made_with=RECORD)
     many = folder is not None or sum(count or 1 for count in counts.values()) > MANY
     kinds = _kinds(args, many or any(counts.values()))
-    run = digest(source.content, *map(str, (args.background, args.mesh, modulus, args.mode, args.files)))
+    run = digest(source.content, *map(str, _said(args, modulus)))
     out.mkdir(parents=True, exist_ok=True)
     remove_partial(out)
     refused: list[dict[str, str]] = []
@@ -176,8 +177,30 @@ def _reconstructed(
         "contact_area_mm2": shape.contact_area_mm2,
         "force_n": None if modulus is None else shape.force_n(modulus),
         "drift": shape.drift.plain(),
+        **_markers_told(shape, modulus),
         "warnings": list(shape.warnings),
     }
+
+
+def _said(args: Namespace, modulus: float | None) -> tuple[object, ...]:
+    """Options that shapes depend on."""
+    return args.background, args.mesh, modulus, args.mode, args.files, args.markers, args.camera_mm
+
+
+def _markers_told(shape: "PressShape", modulus: float | None) -> dict[str, Any]:
+    """What the markers of a press show; nothing of a gel without them."""
+    if shape.markers is None:
+        return {}
+    told: dict[str, Any] = {
+        "markers": len(shape.markers.places_mm),
+        "markers_moved_mm": shape.markers.mean_mm,
+        "shear_n": None,
+        "shear_error_n": None,
+    }
+    shear = shape.markers.shear
+    if shear is not None and modulus is not None:
+        told |= {"shear_n": list(shear.force_n(modulus)), "shear_error_n": list(shear.error_n(modulus))}
+    return told
 
 
 def _key(row: dict[str, Any]) -> str:
@@ -245,7 +268,7 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
     """All pictures, or of many those that matter and how many there are."""
     from designlab.report.reconstruction import that_matter
 
-    head = ("picture", "depth mm", "contact mm2", "force N")
+    head = ("picture", "depth mm", "contact mm2", "force N", "shear N")
     if len(rows) <= MANY:
         return [table(head, [_shown(row) for row in rows])]
     few = table(head, [_shown(row) for row in that_matter(rows)])
@@ -274,4 +297,5 @@ def _place(row: Mapping[str, Any]) -> str:
 
 def _shown(row: Mapping[str, Any]) -> tuple[str, ...]:
     force = "-" if row["force_n"] is None else f"{row['force_n']:.3g}"
-    return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force
+    shear = "-" if row.get("shear_n") is None else ", ".join(f"{part:.3g}" for part in row["shear_n"])
+    return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force, shear

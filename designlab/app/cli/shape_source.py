@@ -66,9 +66,17 @@ class Source(ABC):
 class CalibrationFile(Source):
     """A calibration file, with today's background where one is given."""
 
-    def __init__(self, path: str, background: str | None, mode: Mode) -> None:
+    def __init__(
+        self, path: str, background: str | None, mode: Mode, *, markers: bool, camera_mm: float | None
+    ) -> None:
         self.content = Path(path).read_bytes() if Path(path).is_file() else b""
-        self._used = _used(Reconstructor.load(path, mode=mode))
+        made = Reconstructor.load(path, mode=mode)
+        about = dict(made.kept.about)
+        if not markers:
+            about.pop("markers", None)
+        if camera_mm is not None:
+            about["sight"] = {"slope_per_mm": [-1 / camera_mm] * 2, "slope": [0.0, 0.0]}
+        self._used = _used(replace(made, kept=made.kept._replace(about=about)))
         if background is not None:
             today = np.asarray(self._used.linear(read_picture(background)), dtype=float)
             before = self._used.reconstructor
@@ -89,13 +97,20 @@ class Model(Source):
     """A model of the sensor, on which a map is taught; the map is kept as a calibration file."""
 
     def __init__(
-        self, name: str, background: str, crop_px: "Crop | None", response: dict[str, Any], mode: Mode
+        self,
+        name: str,
+        background: str,
+        crop_px: "Crop | None",
+        response: dict[str, Any],
+        mode: Mode,
+        *,
+        markers: bool,
     ) -> None:
         from designlab.inference.calibration.from_model import views_that_fit
         from designlab.simulation.effects.model import load_model
 
         self._model, self._response, self._mode = load_model(name), response, mode
-        self._crop_px = crop_px
+        self._crop_px, self._markers = crop_px, markers
         self._background = np.asarray(decoded(read_picture(background), response), dtype=float)
         try:
             views_that_fit(self._model.effective_design(), self._background.shape, crop_px)
@@ -103,7 +118,9 @@ class Model(Source):
             field, _, rule = str(error).partition(": ")
             where = "--crop-px" if field == "crop_px" else f"--background: {background}"
             raise ValueError(f"{where}: {rule}") from None
-        self.content = digest(self._model.digest, Path(background).read_bytes(), str((response, crop_px)))
+        self.content = digest(
+            self._model.digest, Path(background).read_bytes(), str((response, crop_px, markers))
+        )
 
     def prepared(self, out: Path) -> Used:
         """Teach the map, or read what an earlier run of the same command taught."""
@@ -114,7 +131,11 @@ class Model(Source):
         if kept is None or kept.about.get("made_from") != self.content:
             with bar("picture", keep=True) as progress:
                 kept = teach_on_model(
-                    self._model, self._background, crop_px=self._crop_px, progress=progress
+                    self._model,
+                    self._background,
+                    crop_px=self._crop_px,
+                    markers=self._markers,
+                    progress=progress,
                 ).kept
             about = {**kept.about, "response": self._response, "made_from": self.content}
             kept = Kept(kept.calibration, kept.taught, about)
@@ -127,8 +148,13 @@ class Model(Source):
 
 def _used(reconstructor: Reconstructor) -> Used:
     """Say once what the calibration says of itself."""
-    about = reconstructor.kept.about
-    return Used(reconstructor, list(about.get("notes", ())), list(about.get("warnings", ())))
+    about, notes = reconstructor.kept.about, []
+    if about.get("markers") and not about.get("sight"):
+        notes.append(
+            "markers are followed; shear needs the camera's distance from the gel, since markers that are "
+            "lifted seem to move: give it with --camera-mm"
+        )
+    return Used(reconstructor, [*about.get("notes", ()), *notes], list(about.get("warnings", ())))
 
 
 def source_of(args: Namespace, files: Sequence[Path]) -> Source:
@@ -146,11 +172,28 @@ def source_of(args: Namespace, files: Sequence[Path]) -> Source:
             if getattr(args, name) is not None:
                 option = f"--{name.replace('_', '-')}"
                 raise UsageError(f"{option}: is for --design; a calibration knows what its pictures are")
-        return CalibrationFile(args.calibration, args.background, args.mode)
+        if args.camera_mm is not None and not args.camera_mm > 0:
+            raise UsageError(f"--camera-mm: must be above 0 mm, got {args.camera_mm:g}")
+        return CalibrationFile(
+            args.calibration,
+            args.background,
+            args.mode,
+            markers=args.markers == "auto",
+            camera_mm=args.camera_mm,
+        )
+    if args.camera_mm is not None:
+        raise UsageError("--camera-mm: is for --calibration; the design states its camera")
     if args.background is None:
         raise UsageError("--design: needs --background FILE, a picture of your sensor's untouched gel")
     crop_px = None if args.crop_px is None else tuple(args.crop_px)
-    return Model(args.design, args.background, crop_px, _response(args, files), args.mode)
+    return Model(
+        args.design,
+        args.background,
+        crop_px,
+        _response(args, files),
+        args.mode,
+        markers=args.markers == "auto",
+    )
 
 
 def _response(args: Namespace, files: Sequence[Path]) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.lab import LabCalibration, calibrate_on_shapes
+from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.methods import Method
 from designlab.sensor.camera import View
 from designlab.sensor.contact import LayerContact
@@ -163,6 +164,7 @@ def teach_on_model(
     background: Array,
     *,
     crop_px: Crop | None = None,
+    markers: bool = True,
     seed: int = 0,
     samples: int = 64,
     method: Method | None = None,
@@ -178,6 +180,8 @@ def teach_on_model(
         Linear picture of the sensor's untouched gel.
     crop_px : tuple of int, optional
         See `views_that_fit`; of the whole picture and the sensing area the one that fits better when absent.
+    markers : bool
+        Whether to look for printed markers in the untouched gel. The map is taught on a plain membrane.
     seed : int
         Seed of simulated light and noise.
     samples : int
@@ -192,10 +196,16 @@ def teach_on_model(
     ValueError
         If the picture does not fit the model's camera, or presses do not fit its gel.
     """
+    printed = model.design.optics.marker_pitch_mm > 0
+    if printed:
+        model = model.replace({"optics.marker_pitch_mm": 0.0})
     design = model.effective_design()
     if background.ndim != 3 or background.shape[-1] != len(CHANNELS):
         raise ValueError(f"background: must have 3 channels, R, G and B, got shape {background.shape}")
     fits = views_that_fit(design, background.shape, crop_px)
+    dots = Markers.found_in(background) if markers else None
+    if dots is not None:
+        background = without(background, dots.covered)
     plan = PressPlan.of(design)
     plan.require_possible(design)
     presses = plan.presses(rounds=1, seed=seed)
@@ -232,7 +242,14 @@ def teach_on_model(
         thickness_mm=design.elastomer.thickness_mm,
         label_bias=0.0,
     )
-    about: dict[str, Any] = {"model": design.name, "simulated": True, "balls": count}
+    about: dict[str, Any] = {
+        "model": design.name,
+        "simulated": True,
+        "balls": count,
+        "sight": _sight(untouched),
+    }
+    if dots is not None:
+        about["markers"] = dots.plain()
     if isinstance(contact, LayerContact):
         layer = contact.layer(thickness_mm=design.elastomer.thickness_mm)
         setup = setup._replace(poisson=layer.poisson)
@@ -260,8 +277,11 @@ def teach_on_model(
         f"heights by {height_um:.0f} um. That holds for the model {design.name}, not for your sensor: "
         "`designlab calibrate --balls` measures it",
         *_fit_words(differences, design),
+        *([] if dots is None else [f"{len(dots.places_px)} markers found in the background"]),
     )
     warnings = (*_doubts(differences, untouched), *model.warnings(presses.calibration))
+    if printed and markers and dots is None:
+        warnings += ("the model has printed markers, and the background shows none",)
     progress("errors", total, total)
     told = {
         "notes": notes,
@@ -350,6 +370,18 @@ def _doubts(differences: Sequence[ChannelDifference], untouched: Frame) -> list[
             "size: heights and forces are off by as much"
         )
     return found
+
+
+def _sight(untouched: Frame) -> dict[str, list[float]]:
+    """How the camera looks on the gel: slopes of viewing rays, by the place from the picture's middle."""
+    rays = untouched.rays
+    fits = []
+    for place, slope in ((rays.x_mm, rays.slope_x), (rays.y_mm, rays.slope_y)):
+        fits.append(np.polyfit((place - place.mean()).ravel(), slope.ravel(), 1))
+    return {
+        "slope_per_mm": [float(fit[0]) for fit in fits],
+        "slope": [float(fit[1]) for fit in fits],
+    }
 
 
 def _coarse(view: View) -> View:
