@@ -101,7 +101,6 @@ def test_the_right_model_gives_shapes_as_good_as_it_says(planted, said, tmp_path
         normal.append(normal_error_deg(found, normals(*frame.gradient))[region].mean())
         off = np.load(tmp_path / f"{row['name']}-height.npy") - frame.height_mm
         height.append(1000 * np.sqrt((off[region] ** 2).mean()))
-    print(sensor, "stated", model["normal_error_deg"], model["height_error_um"], "found", normal, height)
     assert np.mean(normal) < 2 * model["normal_error_deg"]
     assert np.sqrt(np.mean(np.square(height))) < 2 * model["height_error_um"]
 
