@@ -267,7 +267,8 @@ def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int
         try:
             bases[number] = problem.basis(problem.start(), number)
         except (ValueError, RenderFailed) as error:
-            if shot.ball is None:
+            of_press = shot.press is not None and type(error) is ValueError
+            if shot.ball is None and not of_press:
                 raise
             raise MeasurementError(f"{measurement.folder}: frame {shot.files[0]}: {error}") from None
     state = replace(problem.start(), transfer=problem.imaging.factors(), floor=floor)
