@@ -6,7 +6,7 @@ Good files of every kind (meshes, lenses, lights, pictures, designs, measurement
 numbers, words and lines changed, cut out, doubled; ends cut off. Each is given to the command that reads it.
 Faults are: an exception or a traceback, what the command line calls a defect, a status other than 0 and 2,
 exit 0 with a picture that shows nothing, a refusal of many lines or without the name of its file. `--first N`
-begins with the N-th file, `--keep DIR` keeps files at fault, `--million` renders a press of a million triangles.
+begins with the N-th file, `--keep DIR` keeps files at fault, `--million` presses a million triangles.
 """
 
 import argparse
@@ -120,7 +120,8 @@ def _3mf(body: trimesh.Trimesh) -> bytes:
             "3D/3dmodel.model",
             '<model unit="millimeter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
             f'<resources><object id="1" type="model"><mesh><vertices>{vertices}</vertices>'
-            f'<triangles>{triangles}</triangles></mesh></object></resources><build><item objectid="1"/></build></model>',
+            f"<triangles>{triangles}</triangles></mesh></object></resources>"
+            '<build><item objectid="1"/></build></model>',
         )
     return made.getvalue()
 

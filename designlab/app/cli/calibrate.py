@@ -57,6 +57,7 @@ def calibrate(args: Namespace) -> Result:
             seed=args.seed,
             free=free,
             trust=args.trust,
+            drawn=drawn,
             progress=progress,
         )
     out, verdict = Path(args.out), fit_verdict(found)

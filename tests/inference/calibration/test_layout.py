@@ -90,13 +90,17 @@ def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
             parameter("1.azimuth_deg.0", 215.0, 8.0),
             parameter("2.azimuth_deg.0", -210.0, 1.0),
             parameter("2.height_mm", 8.5, 0.1),
+            parameter("2.tilt_deg", 20.0, 3.0),
+            parameter("0.height_mm", 8.0, None),
         )
     )
     assert layout_words(found, DESIGN) == [
         "LED group red shines from 91 ± 1.0 deg, as drawn",
+        "LED group red: these pictures do not tell its height",
         "LED group green: these pictures do not tell its azimuth",
         "LED group blue shines from 150 ± 2.0 deg, drawn at 330 deg",
         "LED group blue: height 8.50 ± 0.20 mm",
+        "LED group blue: tilt 20.00 ± 5.88 deg: these pictures do not tell it to 5 deg",
     ]
 
 
