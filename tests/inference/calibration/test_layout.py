@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import layout_sensors
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from designlab.inference.calibration.layout import (
     search_layout,
 )
 from designlab.inference.calibration.result import FittedParameter
+from designlab.inference.calibration.verdict import FALLEN
 from designlab.measurement import (
     MeasuredFrame,
     Measurement,
@@ -62,6 +64,30 @@ def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     assert all(place.worse > 1 for place in found.places)
     assert found.drawn > 2
     assert found.left < 0.05
+
+
+@pytest.mark.renders
+@pytest.mark.full
+@pytest.mark.recovery
+@pytest.mark.parametrize("name", ["turned", "opposite"])
+def test_rows_of_made_sensors_are_right_or_not_told(tmp_path, name):
+    found = layout_sensors.run(name, tmp_path, columns=48, seed=4)
+    assert [row for row in found["rows"] if row[-1] == "wrong"] == []
+    assert all(word == "right" for _, what, *_, word in found["rows"] if what == "azimuth_deg")
+    assert found["verdict"] != "good" or found["after"] > found["before"] - FALLEN[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "truth", "error", "word"),
+    [
+        (358.0, 0.1, 1.0, -3.0, "right"),
+        (-10.0, 1.0, 357.0, -7.0, "wrong"),
+        (20.0, 4.0, 357.0, 23.0, "untold"),
+        (20.0, None, 357.0, 23.0, "untold"),
+    ],
+)
+def test_how_the_benchmark_judges_an_azimuth(value, se, truth, error, word):
+    assert layout_sensors.judged("azimuth_deg", value, se, truth) == (pytest.approx(error), word)
 
 
 def test_a_fit_frees_azimuth_height_and_tilt_of_each_group():
