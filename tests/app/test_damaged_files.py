@@ -4,7 +4,12 @@ import fuzz_files
 import numpy as np
 import pytest
 
-pytestmark = [pytest.mark.faults, pytest.mark.renders, pytest.mark.slow]
+pytestmark = [
+    pytest.mark.faults,
+    pytest.mark.renders,
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("default"),  # notes on what was understood are no faults
+]
 
 
 def in_bounds(files: int, seed: int) -> None:
