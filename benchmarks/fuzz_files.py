@@ -520,8 +520,8 @@ def fuzz(files: int, *, seed: int = 0, first: int = 0, keep: Path | None = None)
     return found
 
 
-def million(folder: Path) -> float:
-    """Seconds in which `render` reads and presses a mesh of a million triangles."""
+def million(folder: Path) -> tuple[float, float]:
+    """Seconds, on the clock and of the processor, in which `render` reads and presses a million triangles."""
     steps = np.linspace(-30, 30, 709)
     x, y = np.meshgrid(steps, steps)
     z = np.maximum(-(x**2 + y**2) / 8, -12) + 0.01 * np.sin(3 * x)
@@ -530,13 +530,13 @@ def million(folder: Path) -> float:
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
     body = trimesh.Trimesh(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1), faces, process=False)
     body.export(folder / "million.stl")
-    started = time.perf_counter()
+    started, worked = time.perf_counter(), time.process_time()
     words = ["render", DESIGN, "--probe", str(folder / "million.stl"), "--depth-mm", "0.4"]
     with contextlib.redirect_stdout(io.StringIO()):
         status = designlab([*words, "-o", str(folder / "million.exr"), *SMALL])
     if status:
         raise SystemExit("the mesh of a million triangles was refused")
-    return time.perf_counter() - started
+    return time.perf_counter() - started, time.process_time() - worked
 
 
 def peak_gb() -> float:
@@ -568,7 +568,8 @@ def main() -> None:
     print(f"memory: {peak_gb():.2f} GB")
     if args.million:
         with tempfile.TemporaryDirectory() as folder:
-            print(f"a million triangles: {million(Path(folder)):.1f} s")
+            wall, processor = million(Path(folder))
+            print(f"a million triangles: {wall:.1f} s, {processor:.1f} s of the processor")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import layout_sensors
 import numpy as np
 import pytest
 
+from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.layout import (
     GroupPlace,
     layout_fields,
@@ -21,6 +22,7 @@ from designlab.measurement import (
     load_measurement,
     write_measurement,
 )
+from designlab.measurement.quality.suspicion import NAMES
 from designlab.measurement.transfer import predicted
 from designlab.sensor.design import preset
 from designlab.simulation.contact.press import Press
@@ -64,6 +66,19 @@ def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     assert all(place.worse > 1 for place in found.places)
     assert found.drawn > 2
     assert found.left < 0.05
+
+
+@pytest.mark.renders
+@pytest.mark.slow
+def test_figures_before_are_of_the_design_as_drawn(tmp_path):
+    moved = DESIGN.replace({"leds.groups.2.azimuth_deg": [150.0], "leds.groups.0.height_mm": 7.0})
+    options = {"columns": 24, "samples": 8, "free": (), "seed": 1}
+    measurement = made(tmp_path / "m", moved)
+    searched = calibrate(measurement, moved, drawn=DESIGN, trust=NAMES, **options)
+    plain = calibrate(measurement, DESIGN, trust=NAMES, **options)
+    for one, other in zip(searched.frames, plain.frames, strict=True):
+        assert one.before == other.before
+        assert one.after["structure_corr"] > other.after["structure_corr"]
 
 
 @pytest.mark.renders
