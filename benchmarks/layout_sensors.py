@@ -4,8 +4,9 @@
 
 Each sensor is planted with `designlab gap plant` from a design whose rows are moved, turned and of other
 heights and tilts; `designlab calibrate --layout` starts from the design as drawn. A value is `right` within
-5 deg of azimuth, 1 mm of height or 5 deg of tilt; `untold` where its own 95 % interval is wider than that, or
-none is given; else it is `wrong`. No fit may be `good` whose structure correlation fell.
+5 deg of azimuth, 1 mm of height or 5 deg of tilt; `untold` where its own 95 % interval is wider than that,
+none is given, or the fit says that it failed; else it is `wrong`. No fit may be `good` whose structure
+correlation fell.
 """
 
 import argparse
@@ -59,14 +60,16 @@ def keep_few(measurement: Path) -> None:
     measurement.write_text("[[frame]]".join([head, *few]), encoding="utf-8")
 
 
-def judged(name: str, value: float, se: float | None, truth: float) -> tuple[float, str]:
+def judged(
+    name: str, value: float, se: float | None, truth: float, *, failed: bool = False
+) -> tuple[float, str]:
     """Error of a fitted value, and whether it is right, untold or wrong."""
     error = value - truth
     if name == "azimuth_deg":
         error = (error + 180.0) % 360.0 - 180.0
     if abs(error) <= LIMITS[name]:
         return error, "right"
-    return error, "untold" if se is None or 1.96 * se > LIMITS[name] else "wrong"
+    return error, "untold" if failed or se is None or 1.96 * se > LIMITS[name] else "wrong"
 
 
 def run(name: str, out: Path, *, columns: int, seed: int) -> dict[str, Any]:
@@ -95,7 +98,8 @@ def run(name: str, out: Path, *, columns: int, seed: int) -> dict[str, Any]:
             path = f"leds.groups.{number}.{what}"
             entry = parameters[f"{path}.0" if what == "azimuth_deg" else path]
             truth = group.azimuth_deg[0] if what == "azimuth_deg" else float(getattr(group, what))
-            error, word = judged(what, entry["value"], entry["se"], truth)
+            failed = found["fit_verdict"] == "failed"
+            error, word = judged(what, entry["value"], entry["se"], truth, failed=failed)
             rows.append((group.name, what, truth, entry["value"], entry["se"], error, word))
     press = [frame for frame in found["frames"] if frame["pose"] is not None]
     before, after = (

@@ -146,8 +146,16 @@ def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
     return design.replace(changes), tuple(paths)
 
 
-def layout_words(found: Calibration, drawn: Design) -> list[str]:
-    """Sentences about where the groups stand, by a calibration whose `layout_fields` were free."""
+def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> list[str]:
+    """Sentences about where the groups stand, by a calibration whose `layout_fields` were free.
+
+    The intervals of a fit that `failed` are those of a wrong model: it tells nothing.
+    """
+    if failed:
+        return [
+            f"LED group {group.name}: not told where it shines from, since the fit failed"
+            for group in drawn.leds.groups
+        ]
     parameters = {parameter.name: parameter for parameter in found.parameters}
     told = []
     for number, group in enumerate(drawn.leds.groups):

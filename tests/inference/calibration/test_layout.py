@@ -84,7 +84,7 @@ def test_figures_before_are_of_the_design_as_drawn(tmp_path):
 @pytest.mark.renders
 @pytest.mark.full
 @pytest.mark.recovery
-@pytest.mark.parametrize("name", ["turned", "opposite"])
+@pytest.mark.parametrize("name", ["turned", "elastic"])
 def test_rows_of_made_sensors_are_right_or_not_told(tmp_path, name):
     found = layout_sensors.run(name, tmp_path, columns=48, seed=4)
     assert [row for row in found["rows"] if row[-1] == "wrong"] == []
@@ -142,6 +142,14 @@ def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
         "LED group blue shines from 150 ± 2.0 deg, drawn at 330 deg",
         "LED group blue: height 8.50 ± 0.20 mm",
         "LED group blue: tilt 20.00 ± 5.88 deg: these pictures do not tell it to 5 deg",
+    ]
+
+
+def test_a_failed_fit_tells_of_no_group():
+    words = layout_words(SimpleNamespace(parameters=()), DESIGN, failed=True)
+    assert words == [
+        f"LED group {name}: not told where it shines from, since the fit failed"
+        for name in ("red", "green", "blue")
     ]
 
 
