@@ -17,7 +17,7 @@ from designlab.measurement.shots import press_of
 from designlab.measurement.sizes import check_leds, check_size
 from designlab.mechanics.contact import NotConverged
 from designlab.sensor.camera import View
-from designlab.sensor.design import Design
+from designlab.sensor.design import Design, InfeasibleDesign
 from designlab.simulation.contact.press import Press
 from designlab.simulation.directional_light import DirectionalLight, design_of
 from designlab.simulation.effects.model import SensorModel
@@ -136,9 +136,11 @@ def compare_model(
         check_leds(measurement, frame, design)
         real = measurement.linear(frame)
         view = measurement.view(frame, design)
-        simulated = predict(frame, view).astype(np.float32)
         try:
+            simulated = predict(frame, view).astype(np.float32)
             figures = metrics.compare(simulated, real)
+        except InfeasibleDesign:  # is no fault of the frame
+            raise
         except ValueError as error:
             raise MeasurementError(f"{measurement.folder}: frame {frame.file}: {error}") from None
         pairs.append(Pair(frame.file, simulated, real, figures))

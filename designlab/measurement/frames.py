@@ -272,7 +272,12 @@ class Measurement(Spec):
 
                 return loads(tomli_w.dumps(content["design"]), source=str(path))
             return load(path)
-        except (DesignError, OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except OSError as error:
+            raise MeasurementError(
+                f"{self.folder}: field sensor: must be a preset (`designlab presets`), unknown, or a file "
+                f"that can be read, got {self.sensor!r} ({error.strerror or error})"
+            ) from None
+        except (DesignError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise MeasurementError(f"{self.folder}: field sensor: {error}") from None
 
     def view(self, frame: MeasuredFrame, design: Design) -> View:

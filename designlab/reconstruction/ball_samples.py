@@ -137,6 +137,47 @@ def ball_samples(
     return background, spread, parts
 
 
+def shape_samples(
+    images: Sequence[Array],
+    background: Array,
+    slopes: Sequence[tuple[Array, Array]],
+    regions: Sequence[Mask],
+    setup: Setup,
+) -> tuple[Array, list[Samples]]:
+    """Samples of presses whose slopes are known at every pixel. Parameters as `lab.calibrate_on_shapes`.
+
+    Returns
+    -------
+    spread : array, shape (channels,)
+        Root mean square colour change over the regions: the unit of colour.
+    presses : list of Samples
+        Samples of each press.
+    """
+    changes = [relative_change(image, background, setup.smoothing_px, None) for image in images]
+    inside = np.concatenate([change[region] for change, region in zip(changes, regions, strict=True)])
+    spread = np.sqrt((inside**2).mean(axis=0))
+    if not (spread > 0).all():
+        raise ValueError("images: each channel must change colour in the regions")
+    position = positions(background.shape)
+    presses = []
+    for change, (p, q), region in zip(changes, slopes, regions, strict=True):
+        # colours are smoothed, and follow the slopes so
+        p, q = (gaussian_filter(slope, setup.smoothing_px) for slope in (p, q))
+        own, rest = np.flatnonzero(region), np.flatnonzero(~region)
+        flat = thinned(rest, _FLAT_PIXELS)
+        pixels = np.concatenate([own, flat])
+        presses.append(
+            Samples(
+                change.reshape(-1, change.shape[-1])[pixels] / spread,
+                position[pixels],
+                -normals(p, q)[..., :2].reshape(-1, 2)[pixels],
+                # every press counts alike, whatever its size
+                np.concatenate([np.full(own.size, 4.5 * _FLAT_PIXELS / own.size), np.ones(flat.size)]),
+            )
+        )
+    return spread, presses
+
+
 class KnownGel(NamedTuple):
     """Balls on a gel whose thickness is known.
 

@@ -18,6 +18,7 @@ from designlab.reconstruction.ball_samples import (
     known_gel,
     positions,
     relative_change,
+    shape_samples,
 )
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
@@ -276,6 +277,47 @@ def calibrate(
             error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
         fits.append(FittedMap(method.fit(presses), error))
     return _assembled(balls, background, setup, spread, fits, gel)
+
+
+def calibrate_on_shapes(
+    images: Sequence[Array],
+    background: Array,
+    slopes: Sequence[tuple[Array, Array]],
+    regions: Sequence[Mask],
+    setup: Setup,
+    *,
+    method: Method | None = None,
+) -> LabCalibration:
+    """Calibrate on presses whose slopes are known at every pixel, as those of simulated ones are.
+
+    Slopes on and around the contact are known alike, so one map takes them all.
+
+    Parameters
+    ----------
+    images : sequence of array, shape (rows, columns, channels)
+        At least two presses.
+    background : array, shape (rows, columns, channels)
+        The untouched gel.
+    slopes : sequence of pair of arrays, shape (rows, columns)
+        Slopes dz/dx and dz/dy of each indentation.
+    regions : sequence of bool array, shape (rows, columns)
+        On and around each contact.
+    setup : Setup
+        Scale, gel and smoothing; `detail` must be 0.
+    method : Method, optional
+        See `methods`; `Kernel()` when absent.
+
+    Raises
+    ------
+    ValueError
+        If a channel does not change colour.
+    """
+    method = method or Kernel()
+    spread, presses = shape_samples(images, background, slopes, regions, setup)
+    error = None
+    if setup.weighted:
+        error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
+    return LabCalibration(background, setup, spread, FittedMap(method.fit(presses), error))
 
 
 def _assembled(

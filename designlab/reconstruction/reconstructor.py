@@ -14,10 +14,12 @@ from scipy.spatial import cKDTree
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
 from designlab.mechanics.surface_pressure import ITERATIONS, ForceRange, SurfacePressure, pressure_under
+from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.lab import LabCalibration
+from designlab.reconstruction.markers import Markers, MovedMarkers, without
 
 if TYPE_CHECKING:
     from designlab.reconstruction.video import VideoMaps
@@ -53,7 +55,33 @@ DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed fo
 OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
 LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
 MOST_GAIN = 2.0  # change of brightness that is still corrected
+LOST_MARKERS = 0.3  # share of the markers, that a press may hide
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerShift:
+    """What the markers of a press show.
+
+    Attributes
+    ----------
+    places_mm : array, shape (markers, 2)
+        Places of those that were found again, right of and above the middle of the picture, untouched.
+    moved_mm : array, shape (markers, 2)
+        How far they have moved to the right and up.
+    shear : SurfaceShear or None
+        Shear that moves them so; None without a contact, or where it is not known how the camera looks on
+        the gel, since a marker that is lifted seems to move.
+    """
+
+    places_mm: Array
+    moved_mm: Array
+    shear: SurfaceShear | None
+
+    @property
+    def mean_mm(self) -> float:
+        """Mean length of the displacements."""
+        return float(np.hypot(*self.moved_mm.T).mean()) if len(self.moved_mm) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +106,8 @@ class PressShape:
         What speaks against the result, each with what to do.
     drift : Drift
         What has changed against the untouched gel beside the press.
+    markers : MarkerShift or None
+        How printed markers have moved; None on a gel without them.
     """
 
     height_mm: Array
@@ -88,6 +118,7 @@ class PressShape:
     pressure: SurfacePressure | None
     warnings: tuple[str, ...]
     drift: Drift
+    markers: MarkerShift | None = None
 
     def force_n(self, modulus_mpa: float) -> float:
         """Force on the gel, of a modulus in MPa, by an object that carries the skin along."""
@@ -98,6 +129,12 @@ class PressShape:
         if self.pressure is None:
             return ForceRange(0.0, 0.0, 0.0)
         return self.pressure.force_range(modulus_mpa, modulus_sd_mpa)
+
+    def shear_n(self, modulus_mpa: float) -> tuple[float, float] | None:
+        """Shear force to the right and up on the gel, of a modulus in MPa; None where it is not known."""
+        if self.markers is None or self.markers.shear is None:
+            return None
+        return self.markers.shear.force_n(modulus_mpa)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +199,12 @@ class Reconstructor:
     def _taught(self) -> cKDTree:
         return cKDTree(self.kept.taught)
 
+    @cached_property
+    def markers(self) -> Markers | None:
+        """Printed markers of the untouched gel; None of a gel without them."""
+        plain = self.kept.about.get("markers")
+        return None if plain is None else Markers.from_plain(plain, self.calibration.background.shape)
+
     @property
     def calibration(self) -> LabCalibration:
         """The maps, on the untouched gel that is in use."""
@@ -183,13 +226,19 @@ class Reconstructor:
         Raises
         ------
         ValueError
-            If it has another size than the calibration.
+            If it has another size than the calibration, or lacks its markers.
         """
         given = np.asarray(background, dtype=float)
         if given.shape != self.calibration.background.shape:
             raise ValueError(f"background: {_sizes(given, self.calibration)}")
+        about = self.kept.about
+        if self.markers is not None:
+            found = Markers.found_in(given)
+            if found is None:
+                raise ValueError("background: shows no markers, and the calibration's gel has them")
+            given, about = without(given, found.covered), {**about, "markers": found.plain()}
         calibration = replace(self.calibration, background=given)
-        made = replace(self, kept=self.kept._replace(calibration=calibration))
+        made = replace(self, kept=self.kept._replace(calibration=calibration, about=about))
         if "video" in vars(self):
             vars(made)["video"] = self.video.on(calibration)
         return made
@@ -244,6 +293,12 @@ class Reconstructor:
             raise ValueError(f"image: {_sizes(values, self.calibration)}")
         if video and mask is not None:
             raise ValueError("mask: mode video takes none; use mode accurate for gels with markers")
+        moved = None
+        if self.markers is not None:
+            moved = self.markers.followed(values)
+            values = np.asarray(without(values, moved.covered), dtype=values.dtype)
+            if not video:
+                mask = ~moved.covered if mask is None else mask & ~moved.covered
         drift = drift_between(self._untouched, values, place=not video)
         used, warnings = self._levelled(values, drift)
         change = self.video.change(used) if video else self.calibration.change(used, mask)
@@ -261,12 +316,16 @@ class Reconstructor:
             warnings.append("colours change, but nothing is pressed in")
         if not pressed_in or seen.mean() < LEAST_SEEN:
             nowhere = np.zeros(height.shape, dtype=bool)
-            return PressShape(height, normal, nowhere, 0.0, 0.0, None, tuple(warnings), drift)
+            shift = None if moved is None else self._shift(moved, height, None)
+            return PressShape(height, normal, nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift)
         found = self._pressure(height) if pressure else None
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
             contact = _contact(found.pressure, height.shape, EFFORT[self.mode].touched)
+        shift = None if moved is None else self._shift(moved, height, found)
+        if moved is not None and self.markers is not None:
+            warnings += _lost(moved, self.markers)
         return PressShape(
             height,
             normal,
@@ -276,7 +335,27 @@ class Reconstructor:
             found,
             (*warnings, *self._at_border(height)),
             drift,
+            shift,
         )
+
+    def _shift(self, moved: MovedMarkers, height_mm: Array, pressure: SurfacePressure | None) -> MarkerShift:
+        """Displacements in mm, without what the camera sees of markers being lifted, and their shear."""
+        rows, columns = height_mm.shape
+        pitch, up = self.calibration.setup.mm_per_px, np.array([1.0, -1.0])
+        middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
+        places = (moved.places_px - middle) * up * pitch
+        shifts = moved.moved_px * up * pitch
+        sight = self.kept.about.get("sight")
+        if sight is None or not len(places):
+            return MarkerShift(places, shifts, None)
+        now = np.rint(moved.places_px + moved.moved_px).astype(int)
+        lifted = height_mm[np.clip(now[:, 1], 0, rows - 1), np.clip(now[:, 0], 0, columns - 1)]
+        slope, offset = np.array(sight["slope_per_mm"]), np.array(sight["slope"])
+        shifts = shifts + (slope * (places + shifts) + offset) * lifted[:, None]
+        shear = None
+        if pressure is not None and len(places) >= FEWEST:
+            shear = shear_under(places, shifts, pressure)
+        return MarkerShift(places, shifts, shear)
 
     def _levelled(self, image: Array, drift: Drift) -> tuple[Array, list[str]]:
         """The picture with the brightness that the balls' pictures had, and what has drifted."""
@@ -354,6 +433,17 @@ class Reconstructor:
                 "the contact reaches the border of the picture, where height is taken to be 0: it is too low"
             ]
         return []
+
+
+def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
+    """Say that many markers were not found again."""
+    lost = 1 - len(moved.places_px) / len(markers.places_px)
+    if lost <= LOST_MARKERS:
+        return []
+    return [
+        f"{lost:.0%} of the markers were not found again, and the shear follows from the others: have they "
+        "moved by more than half of their distance, or is the picture blurred?"
+    ]
 
 
 def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:

@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 from designlab.core.images import png_bytes, tone_map, write_image
 from designlab.core.store import write_atomic
 from designlab.core.types import Array
-from designlab.reconstruction.reconstructor import PressShape
+from designlab.reconstruction.reconstructor import MarkerShift, PressShape
 from designlab.report.evaluation_plots import normal_colours
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import (
@@ -34,10 +34,12 @@ from designlab.report.page import (
 from designlab.report.plots import draw_relief
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MESH_COLUMNS = 200  # of a mesh; more triangles show no more
 RELIEF_COLUMNS = 110
+ARROW_SHARE = 0.1  # of the picture's width, that the longest displacement of a marker is drawn
 TABLE = "shapes.csv"
 MANY = 50  # pictures from which the page shows their course, and a table of some
 TABLE_ROWS = 600  # of the page at most
@@ -154,6 +156,8 @@ def shape_picture(shape: PressShape, image: NDArray[Any], mm_per_px: float, name
         axes.imshow(shown, extent=extent)
         axes.set_title(title, fontsize=10)
         axes.set_ylabel("y (mm)")
+        if shape.markers is not None and len(shape.markers.places_mm) and place == panels[0, 0]:
+            _draw_markers(axes, shape.markers, extent[1])
     axes = figure.add_subplot(panels[1, 0])
     drawn = axes.imshow(shape.height_mm, extent=extent, cmap="viridis", vmin=low, vmax=top)
     figure.colorbar(drawn, ax=axes, label="height (mm)", shrink=0.85)
@@ -183,6 +187,16 @@ def shape_picture(shape: PressShape, image: NDArray[Any], mm_per_px: float, name
     return figure
 
 
+def _draw_markers(axes: "Axes", markers: MarkerShift, half_width_mm: float) -> None:
+    """Draw how markers have moved, the longest arrow as long as a tenth of the picture's width."""
+    longest = max(float(np.hypot(*markers.moved_mm.T).max()), 1e-6)
+    larger = ARROW_SHARE * 2 * half_width_mm / longest
+    x, y = markers.places_mm.T
+    along, across = larger * markers.moved_mm.T
+    axes.quiver(x, y, along, across, angles="xy", scale_units="xy", scale=1.0, color="#ffd23f", width=0.004)
+    axes.set_xlabel(f"markers have moved by up to {longest:.3f} mm (arrows {larger:.0f} times)", fontsize=8)
+
+
 def reconstruction_report(
     rows: Sequence[Mapping[str, Any]],
     folder: Path,
@@ -209,10 +223,13 @@ def reconstruction_report(
     write_atomic(folder / TABLE, _csv(rows))
     doubtful = [row for row in rows if row["warnings"]]
     deepest = max(rows, key=lambda row: float(row["depth_mm"]))
+    simulated = about.get("simulated")
     error = (
-        f"By the balls, normals are good to {about['normal_error_deg']:.1f} deg and heights to "
-        f"{about['height_error_um']:.0f} µm."
+        f"By {'simulated presses' if simulated else 'the balls'}, normals are good to "
+        f"{about['normal_error_deg']:.1f} deg and heights to {about['height_error_um']:.0f} µm."
     )
+    if simulated:
+        error += f" That holds for the model {about['model']}, not for the sensor."
     answer = (
         f"The deepest of {counted(len(rows), 'picture')}, {_called(deepest)}, shows a press of "
         f"{deepest['depth_mm']:.3f} mm. {error}",
@@ -226,6 +243,9 @@ def reconstruction_report(
         if row is not deepest and (folder / f"{row['name']}.png").is_file()
     ]
     sections = []
+    if simulated:
+        told = [*about["warnings"], *about["notes"]]
+        sections.append(Section("Model and sensor", (listed(told),)))
     if len(rows) > MANY:
         written = io.BytesIO()
         course_picture(rows).savefig(written, format="png", dpi=110)
@@ -255,8 +275,10 @@ def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
         Column("contact_area_mm2", "contact", "mm²"),
         Column("force_n", "force", "N"),
         Column("between", "95 % interval", "N"),
+        *([Column("shear", "shear, right and up", "N")] if any(row.get("shear_n") for row in rows) else []),
         Column("told", "warnings"),
     ]
+    rows = [{**row, "shear": _shear_words(row)} for row in rows]
     if len(rows) <= MANY:
         told = [
             {**row, "file": _called(row), "between": _between(row), "told": "; ".join(row["warnings"])}
@@ -295,6 +317,14 @@ def _between(row: Mapping[str, Any]) -> Html | None:
     return unbroken(f"{row['force_low_n']:.2g} to {row['force_high_n']:.2g}")
 
 
+def _shear_words(row: Mapping[str, Any]) -> str:
+    """Shear with its standard errors, in words."""
+    if row.get("shear_n") is None:
+        return "-"
+    parts = zip(row["shear_n"], row["shear_error_n"], strict=True)
+    return ", ".join(f"{value:.3f} ± {error:.3f}" for value, error in parts)
+
+
 def _called(row: Mapping[str, Any]) -> str:
     """Name of a picture for people."""
     name = Path(row["file"]).name
@@ -305,9 +335,14 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     names = ["file", "frame", "depth_mm", "contact_area_mm2"]
     names += ["force_n", "force_low_n", "force_high_n", "warnings"]
+    if any("markers" in row for row in rows):
+        names[-1:-1] = ["markers", "markers_moved_mm", "shear_x_n", "shear_y_n"]
     writer = csv.DictWriter(text, names, extrasaction="ignore")
     writer.writeheader()
-    writer.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)
+    for row in rows:
+        x, y = row.get("shear_n") or (None, None)
+        told = {"shear_x_n": x, "shear_y_n": y, "warnings": "; ".join(row["warnings"])}
+        writer.writerow({**row, **told})
     return text.getvalue()
 
 

@@ -291,6 +291,11 @@ class TestMeasurements:
             ('response = "linear"', 'response = "log"', ["response", "log"]),
             ('response = "linear"', 'response = "unknown"', ["response"]),
             (f'sensor = "{FLAT}"', 'sensor = "nothing.toml"', ["sensor", "nothing.toml"]),
+            (
+                f'sensor = "{FLAT}"',
+                'sensor = "gelsight-2021"',
+                ["sensor: must be a preset", "'gelsight-2021'"],
+            ),
             ("centre_mm = [\n    0,\n    0,\n]\n", "", ["a.exr", "centre_mm"]),
             ("depth_mm = 0.5", "depth_range_mm = [0.5, 0.2]", ["frame 1 (a.exr)", "depth_range_mm"]),
             (
@@ -315,6 +320,26 @@ class TestMeasurements:
         assert status == 2
         for word in [str(folder), *words]:
             assert word in line
+
+    @pytest.mark.renders
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("    0,\n    0,\n", "    0,\n    900,\n", "does not touch"),
+            ("    0,\n    0,\n", "    1e30,\n    0,\n", "does not touch"),
+            ("depth_mm = 0.5", "depth_mm = 2.5", "press.depth_mm: must be less than the gel is thick"),
+        ],
+    )
+    def test_a_press_that_cannot_be_is_named_by_its_frame(self, refused, folder, old, new, words):
+        path = folder / "measurement.toml"
+        assert old in path.read_text()
+        path.write_text(path.read_text().replace(old, new, 1))
+        for command in (["compare", FLAT, folder], ["calibrate", folder, "--model", FLAT, "--out", "none"]):
+            status, line = refused(*command)
+            assert status == 2
+            assert f"{folder}: frame a.exr: " in line
+            assert words in line
 
     def test_no_measurement_there(self, refused, tmp_path):
         for command in (

@@ -222,6 +222,40 @@ def test_one_body_pressed_with_any_side_has_one_surface(side: Any, form: str, tm
     assert f"pressed with its {side} side" in str(understood(probe))
 
 
+UNITS_3MF = {"um": "micron", "mm": "millimeter", "cm": "centimeter", "m": "meter", "inch": "inch"}
+
+
+@pytest.mark.filterwarnings("ignore::geometries.mesh_files.MeshNote")
+@pytest.mark.parametrize("form", ["stl", "stl_ascii", "obj", "ply", "off", "glb", "3mf"])
+def test_format_unit_and_side_together_change_nothing(form: str, tmp_path: Path) -> None:
+    units: list[Any] = list(UNITS_MM)
+    for number, (side, (degrees, axis)) in enumerate(TURNS.items()):
+        unit = units[(number + len(form)) % len(units)]
+        body = knob(1 / UNITS_MM[unit])
+        body.apply_transform(trimesh.transformations.rotation_matrix(np.radians(degrees), axis))
+        path = tmp_path / f"knob-{number}.{form.partition('_')[0]}"
+        if form == "3mf":  # states its unit itself
+            path.write_bytes(as_3mf(body, UNITS_3MF[unit]))
+            probe = parse(f"{path}:{side}")
+        else:
+            path.write_bytes(as_bytes(body, form))
+            probe = parse(f"{path}:{unit}:{side}")
+        np.testing.assert_allclose(profile_mm(probe, X, Y), expected(), atol=1e-3)
+        assert understood(probe).unit == unit
+
+
+@pytest.mark.slow
+def test_every_side_of_a_step_file_is_that_of_the_mesh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inch.stp").write_bytes(FORMS["inch.stp"](tmp_path))
+    (tmp_path / "knob.stl").write_bytes(stl())
+    for side in TURNS:
+        step, mesh = (parse(f"{tmp_path / file}:{side}") for file in ("inch.stp", "knob.stl"))
+        np.testing.assert_allclose(profile_mm(step, X, Y), profile_mm(mesh, X, Y), atol=1e-3)
+
+
 @pytest.mark.parametrize("part", ["hole", "scan", "one wall missing", "inside out"])
 def test_only_the_side_that_presses_counts(part: str, tmp_path: Path) -> None:
     body = knob()

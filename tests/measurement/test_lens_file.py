@@ -233,6 +233,13 @@ class TestOneLens:
         np.testing.assert_allclose(right / forward, POINTS[:, 0], atol=1e-8)
         np.testing.assert_allclose(up / forward, -POINTS[:, 1], atol=1e-8)
 
+    @pytest.mark.parametrize("lens", (PINHOLES | FISHEYES).values(), ids=PINHOLES | FISHEYES)
+    def test_every_kind_of_file_gives_the_same_picture_of_points(self, lens, tmp_path):
+        first, *others = (camera_of(written(tmp_path, name, lens)) for name in KINDS)
+        seen = np.array(first.project(POINTS[:, 0], POINTS[:, 1]))
+        for camera in others:
+            np.testing.assert_allclose(camera.project(POINTS[:, 0], POINTS[:, 1]), seen, atol=1e-3)
+
     def test_square_pixels_stay_square(self, tmp_path):
         assert camera_of(written(tmp_path, "ros1.yaml", BARREL)).pixel_aspect == 1.0
 

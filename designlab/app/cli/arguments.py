@@ -254,7 +254,48 @@ def _add_designs(add: Any) -> None:
         default=None,
         nargs="+",
     )
-    _option(shapes, "--calibration FILE", "calibration.npz of `calibrate --balls`", required=True)
+    _option(
+        shapes,
+        "--calibration FILE",
+        "calibration.npz of `calibrate --balls`, or of an earlier --design",
+        default=None,
+    )
+    _option(
+        shapes,
+        "--design MODEL",
+        "instead of a calibration: preset, design or model file that the pictures are taken to come from; "
+        "needs --background",
+        default=None,
+    )
+    _option(
+        shapes,
+        "--response CURVE",
+        "with --design, the curve of the pictures: linear, srgb, gamma:G, or a file of lines "
+        "'encoded,linear'; linear for EXR when absent",
+        default=None,
+    )
+    _option(
+        shapes,
+        "--crop-px N",
+        "with --design, the part of the camera's sensor that pictures show: left, top, width, height",
+        nargs=4,
+        type=int,
+        default=None,
+    )
+    _option(
+        shapes,
+        "--markers",
+        "printed markers: looked for in the background, left out of shapes and followed; none ignores them",
+        choices=("auto", "none"),
+        default="auto",
+    )
+    _option(
+        shapes,
+        "--camera-mm Z",
+        "with markers and --calibration, distance of the camera from the gel, for the shear (mm)",
+        type=float,
+        default=None,
+    )
     _option(shapes, "--background FILE", "today's picture of the untouched gel", default=None)
     _option(
         shapes, "--gel NAME", "material of the gel, for forces; see docs/reference/catalogue.md", default=None

@@ -57,6 +57,7 @@ def calibrate(args: Namespace) -> Result:
             seed=args.seed,
             free=free,
             trust=args.trust,
+            drawn=drawn,
             progress=progress,
         )
     out, verdict = Path(args.out), fit_verdict(found)
@@ -69,7 +70,7 @@ def calibrate(args: Namespace) -> Result:
     files = {"design": DESIGN, "result": RESULT, "picture": PICTURE, "report": PAGE}
     data |= as_understood(meshes)
     data["files"] = {what: str(out / name) for what, name in files.items()}
-    words = [] if drawn is None else layout_words(found, drawn)
+    words = [] if drawn is None else layout_words(found, drawn, failed=verdict.word == "failed")
     data |= {"layout": words} if words else {}
     lines = [
         f"fit: {verdict.word}",

@@ -15,11 +15,11 @@ from designlab.core.journal import Journal
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 from designlab.core.store import digest, remove_partial, write_json
-from designlab.core.types import Array
 
 if TYPE_CHECKING:
     from designlab.app.cli.incoming import Incoming
-    from designlab.reconstruction.reconstructor import PressShape, Reconstructor
+    from designlab.app.cli.shape_source import Used
+    from designlab.reconstruction.reconstructor import PressShape
 
 RECORD, RESULT, PAGE = "shapes.jsonl", "shapes.json", "report.html"
 KINDS = ("height", "tiff", "exr", "normals", "contact", "mesh", "picture")
@@ -38,11 +38,8 @@ class Modulus(NamedTuple):
 
 def reconstruct(args: Namespace) -> Result:
     """Find the shape in each picture, and write it; pictures that are done are not done again."""
-    import numpy as np
-
     from designlab.app.cli.incoming import counted_frames, files_of, pictures_in, watched
-    from designlab.core.images import read_picture
-    from designlab.reconstruction.reconstructor import Reconstructor
+    from designlab.app.cli.shape_source import source_of
 
     out = Path(args.out)
     files, folder = [], None
@@ -53,23 +50,12 @@ def reconstruct(args: Namespace) -> Result:
     else:
         folder = _watched_folder(args, out)
     counts = counted_frames(files)
-    reconstructor = Reconstructor.load(args.calibration, mode=args.mode)
+    source = source_of(args, files)
     modulus = _modulus(args)
     require_writable(out, made_with=RECORD)
-    notes: list[str] = []
-    background_drift = None
-    if args.background is not None:
-        background = np.asarray(read_picture(args.background), dtype=float)
-        used = reconstructor.on(background)
-        notes += reconstructor.drift(background)
-        background_drift = reconstructor.drift_of(background).plain()
-        reconstructor = used
     many = folder is not None or sum(count or 1 for count in counts.values()) > MANY
     kinds = _kinds(args, many or any(counts.values()))
-    run = digest(
-        Path(args.calibration).read_bytes(),
-        *map(str, (args.background, args.mesh, modulus, args.mode, args.files)),
-    )
+    run = digest(source.content, *map(str, _said(args, modulus)))
     out.mkdir(parents=True, exist_ok=True)
     remove_partial(out)
     refused: list[dict[str, str]] = []
@@ -82,6 +68,9 @@ def reconstruct(args: Namespace) -> Result:
                 "new folder"
             )
         done = {_key(row): row for row in journal.rows[1:]}
+        used = source.prepared(out)
+        if modulus is None and used.modulus_mpa is not None:
+            modulus = Modulus(used.modulus_mpa, TABLE_SD * used.modulus_mpa)
 
         def known(key: str, content: str) -> bool:
             return bool(done.get(key, {}).get("content") == content)
@@ -94,7 +83,7 @@ def reconstruct(args: Namespace) -> Result:
                 incoming = watched(folder, known=known)
             with _ended_by_interrupt(folder is not None):
                 for one in incoming:
-                    row = _reconstructed(one, reconstructor, out, kinds, args.mesh, modulus, refused)
+                    row = _reconstructed(one, used, out, kinds, args.mesh, modulus, refused)
                     if row is None:
                         continue
                     journal.append(row)
@@ -105,8 +94,9 @@ def reconstruct(args: Namespace) -> Result:
     if not rows:
         first = f"; the first: {refused[0]['reason']}" if refused else ""
         raise ValueError(f"no picture could be used{first}")
-    page = _written(rows, out, reconstructor, run, kinds, many)
-    lines = [*_table(rows), *(f"warning: {note}" for note in notes), *_warnings(rows)]
+    page = _written(rows, out, used, run, kinds, many)
+    lines = [*_table(rows), *(f"note: {note}" for note in used.notes)]
+    lines += [*(f"warning: {each}" for each in used.warnings), *_warnings(rows)]
     lines += _gathered("refused: ", [each["reason"] for each in refused])
     lines.append(f"report: {page}")
     data = {
@@ -114,11 +104,21 @@ def reconstruct(args: Namespace) -> Result:
         "mode": args.mode,
         "shapes": rows,
         "refused": refused,
-        "notes": notes,
-        "background_drift": background_drift,
+        "notes": [*used.warnings, *used.notes],
+        "model": _model_told(used),
+        "background_drift": used.background_drift,
         "report": str(page),
     }
     return Result(data, "\n".join(lines), 1 if refused else 0)
+
+
+def _model_told(used: "Used") -> dict[str, Any] | None:
+    """How far the model that pictures were read by agrees with the sensor; None of a calibration on balls."""
+    about = used.reconstructor.kept.about
+    if not about.get("simulated"):
+        return None
+    keys = ("model", "normal_error_deg", "height_error_um", "differences", "modulus_mpa")
+    return {key: about.get(key) for key in keys} | {"warnings": list(used.warnings)}
 
 
 @contextmanager
@@ -155,7 +155,7 @@ def _kinds(args: Namespace, stream: bool) -> tuple[str, ...]:
 
 def _reconstructed(
     one: "Incoming",
-    reconstructor: "Reconstructor",
+    used: "Used",
     out: Path,
     kinds: Sequence[str],
     mesh: str,
@@ -167,15 +167,15 @@ def _reconstructed(
     from designlab.report.reconstruction import write_shape
 
     try:
-        image = one.read()
-        shape = reconstructor(image)
+        image = used.linear(one.read())
+        shape = used.reconstructor(image)
     except (ImageError, ValueError) as error:
         text, place = str(error), str(one.file) if one.frame is None else f"{one.file}, frame {one.frame}"
         refused.append(
             {"file": str(one.file), "reason": text if str(one.file) in text else f"{place}: {text}"}
         )
         return None
-    pitch = reconstructor.calibration.setup.mm_per_px
+    pitch = used.reconstructor.calibration.setup.mm_per_px
     write_shape(shape, image, out, one.name, mm_per_px=pitch, mesh=mesh, kinds=kinds)
     return {
         "file": str(one.file),
@@ -186,6 +186,7 @@ def _reconstructed(
         "contact_area_mm2": shape.contact_area_mm2,
         **_force(shape, modulus),
         "drift": shape.drift.plain(),
+        **_markers_told(shape, modulus),
         "warnings": list(shape.warnings),
     }
 
@@ -195,6 +196,30 @@ def _force(shape: "PressShape", modulus: Modulus | None) -> dict[str, float | No
     names = ("force_n", "force_low_n", "force_high_n")
     found = (None,) * 3 if modulus is None else shape.force_range(modulus.mpa, modulus.sd_mpa)
     return dict(zip(names, found, strict=True))
+
+
+def _said(args: Namespace, modulus: Modulus | None) -> tuple[object, ...]:
+    """Options that shapes depend on."""
+    return args.background, args.mesh, modulus, args.mode, args.files, args.markers, args.camera_mm
+
+
+def _markers_told(shape: "PressShape", modulus: Modulus | None) -> dict[str, Any]:
+    """What the markers of a press show; nothing of a gel without them."""
+    if shape.markers is None:
+        return {}
+    told: dict[str, Any] = {
+        "markers": len(shape.markers.places_mm),
+        "markers_moved_mm": shape.markers.mean_mm,
+        "shear_n": None,
+        "shear_error_n": None,
+    }
+    shear = shape.markers.shear
+    if shear is not None and modulus is not None:
+        told |= {
+            "shear_n": list(shear.force_n(modulus.mpa)),
+            "shear_error_n": list(shear.error_n(modulus.mpa)),
+        }
+    return told
 
 
 def _key(row: dict[str, Any]) -> str:
@@ -219,7 +244,7 @@ def _asked_for(
 def _written(
     rows: list[dict[str, Any]],
     out: Path,
-    reconstructor: "Reconstructor",
+    used: "Used",
     run: str,
     kinds: Sequence[str],
     many: bool,
@@ -234,15 +259,15 @@ def _written(
         if not (out / f"{row['name']}.png").is_file():
             path = Path(row["file"])
             try:
-                image: Array = (
+                image = used.linear(
                     read_picture(path) if row["frame"] is None else frame_again(path, row["frame"])
                 ).astype(float)
-                shape = reconstructor(image)
+                shape = used.reconstructor(image)
             except (ImageError, ValueError):  # gone or overwritten since: the page does without
                 continue
-            draw_shape(shape, image, out, row["name"], reconstructor.calibration.setup.mm_per_px)
+            draw_shape(shape, image, out, row["name"], used.reconstructor.calibration.setup.mm_per_px)
     write_json(out / RESULT, {"run": run, "shapes": rows})
-    return reconstruction_report(rows, out, out / PAGE, about=reconstructor.kept.about, matter=matter)
+    return reconstruction_report(rows, out, out / PAGE, about=used.reconstructor.kept.about, matter=matter)
 
 
 def _modulus(args: Namespace) -> Modulus | None:
@@ -274,7 +299,7 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
     """All pictures, or of many those that matter and how many there are."""
     from designlab.report.reconstruction import that_matter
 
-    head = ("picture", "depth mm", "contact mm2", "force N (95 %)")
+    head = ("picture", "depth mm", "contact mm2", "force N (95 %)", "shear N")
     if len(rows) <= MANY:
         return [table(head, [_shown(row) for row in rows])]
     few = table(head, [_shown(row) for row in that_matter(rows)])
@@ -305,4 +330,5 @@ def _shown(row: Mapping[str, Any]) -> tuple[str, ...]:
     force = "-"
     if row["force_n"] is not None:
         force = f"{row['force_n']:.3g} ({row['force_low_n']:.2g} to {row['force_high_n']:.2g})"
-    return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force
+    shear = "-" if row.get("shear_n") is None else ", ".join(f"{part:.3g}" for part in row["shear_n"])
+    return _place(row), f"{row['depth_mm']:.3f}", f"{row['contact_area_mm2']:.3g}", force, shear

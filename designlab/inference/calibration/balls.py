@@ -26,6 +26,7 @@ from designlab.reconstruction.lab import (
     left_out_of_each,
     refine_centres,
 )
+from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.methods import Kernel, Method
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".bmp", ".webp")
@@ -54,6 +55,8 @@ class BallSet(NamedTuple):
         Radius of the ball, and size of a pixel at the gel.
     notes : tuple of str
         How files were understood.
+    markers : Markers or None
+        Printed markers of the gel, which the pictures are without.
     """
 
     files: tuple[str, ...]
@@ -62,6 +65,7 @@ class BallSet(NamedTuple):
     radius_mm: float
     mm_per_px: float
     notes: tuple[str, ...] = ()
+    markers: Markers | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +162,7 @@ def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None
     untouched = [frame for frame in measurement.frames if frame.kind == "background" and frame.leds is None]
     if not untouched:
         raise MeasurementError(f"{folder}: needs a frame of kind background, with all LEDs on")
-    background = np.asarray(measurement.image(untouched[0]), dtype=float)
+    background, markers = _unmarked(np.asarray(measurement.image(untouched[0]), dtype=float))
     # Presses of a stated depth judge a calibration, and do not teach it.
     frames = [
         frame
@@ -172,15 +176,18 @@ def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None
     diameter = _needed(folder, "diameter of the ball", "--ball-mm", stated)
     balls, files, looked_for = [], [], 0
     for frame in frames:
-        image = np.asarray(measurement.image(frame), dtype=float)
+        image = _plain(np.asarray(measurement.image(frame), dtype=float), markers)
         if frame.centre_px is not None and frame.contact_radius_px is not None:
             balls.append(BallPress(image, frame.centre_px, frame.contact_radius_px))
         else:
             balls.append(_found(folder / frame.file, image, background))
             looked_for += 1
         files.append(frame.file)
-    notes = (f"{len(balls)} balls of {diameter:g} mm; {looked_for} circles found in the pictures",)
-    return _checked(folder, BallSet(tuple(files), balls, background, diameter / 2, scale, notes))
+    notes = (
+        f"{len(balls)} balls of {diameter:g} mm; {looked_for} circles found in the pictures",
+        *_marked(markers),
+    )
+    return _checked(folder, BallSet(tuple(files), balls, background, diameter / 2, scale, notes, markers))
 
 
 def _of_pictures(folder: Path, ball_mm: float | None, mm_per_px: float | None) -> BallSet:
@@ -192,7 +199,7 @@ def _of_pictures(folder: Path, ball_mm: float | None, mm_per_px: float | None) -
         )
     diameter = _needed(folder, "diameter of the ball", "--ball-mm", ball_mm)
     scale = _needed(folder, "size of a pixel at the gel", "--mm-per-px", mm_per_px)
-    background = _read(untouched[0])
+    background, markers = _unmarked(_read(untouched[0]))
     circles = _circles(folder / "balls.csv")
     names = [path for path in pictures if path not in untouched and (not circles or path.name in circles)]
     balls = []
@@ -203,14 +210,16 @@ def _of_pictures(folder: Path, ball_mm: float | None, mm_per_px: float | None) -
                 f"{path}: must have the size of {untouched[0].name}, {background.shape[1]} x "
                 f"{background.shape[0]} pixels, got {image.shape[1]} x {image.shape[0]}"
             )
+        image = _plain(image, markers)
         known = circles.get(path.name)
         balls.append(BallPress(image, *known) if known else _found(path, image, background))
     notes = (
         f"{len(balls)} balls of {diameter:g} mm; "
         f"{len(circles)} circles from balls.csv, {len(balls) - len(circles)} found in the pictures",
+        *_marked(markers),
     )
     files = tuple(path.name for path in names)
-    return _checked(folder, BallSet(files, balls, background, diameter / 2, scale, notes))
+    return _checked(folder, BallSet(files, balls, background, diameter / 2, scale, notes, markers))
 
 
 def calibrate_balls(
@@ -258,6 +267,7 @@ def calibrate_balls(
         "ball_mm": 2 * balls.radius_mm,
         "normal_error_deg": mean.contact_deg,
         "height_error_um": 1000 * mean.height_mm,
+        **({} if balls.markers is None else {"markers": balls.markers.plain()}),
     }
     kept = kept_of(calibration, known, about)
     return BallCalibration(kept, balls._replace(balls=known), tuple(errors), gel)
@@ -329,6 +339,21 @@ def _found(path: Path, image: Array, background: Array) -> BallPress:
             f"{path}: no ball found: {error}; leave the picture out or give its circle"
         ) from None
     return BallPress(image, circle.centre_px, circle.radius_px)
+
+
+def _unmarked(background: Array) -> tuple[Array, Markers | None]:
+    """The untouched gel without its printed markers, and those."""
+    markers = Markers.found_in(background)
+    return (background, None) if markers is None else (without(background, markers.covered), markers)
+
+
+def _plain(image: Array, markers: Markers | None) -> Array:
+    """A press without the markers."""
+    return image if markers is None else without(image, markers.followed(image).covered)
+
+
+def _marked(markers: Markers | None) -> tuple[str, ...]:
+    return () if markers is None else (f"{len(markers.places_px)} printed markers found and left out",)
 
 
 def _circles(path: Path) -> dict[str, tuple[tuple[float, float], float]]:

@@ -22,6 +22,8 @@ FEWEST_BUILDABLE = 6  # azimuths; where fewer can be built, all are tried
 MOST_GROUPS = 4  # whose azimuths are tried together
 STRANGE = 0.5  # by which a misfit counts for more with each group that is not the strongest of its channel
 TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
+# Interval to either side beyond which a value is not told.
+TOLD = {("height_mm", "height", "mm"): 1.0, ("tilt_deg", "tilt", "deg"): 5.0}
 MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
 
 
@@ -144,8 +146,16 @@ def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
     return design.replace(changes), tuple(paths)
 
 
-def layout_words(found: Calibration, drawn: Design) -> list[str]:
-    """Sentences about where the groups stand, by a calibration whose `layout_fields` were free."""
+def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> list[str]:
+    """Sentences about where the groups stand, by a calibration whose `layout_fields` were free.
+
+    The intervals of a fit that `failed` are those of a wrong model: it tells nothing.
+    """
+    if failed:
+        return [
+            f"LED group {group.name}: not told where it shines from, since the fit failed"
+            for group in drawn.leds.groups
+        ]
     parameters = {parameter.name: parameter for parameter in found.parameters}
     told = []
     for number, group in enumerate(drawn.leds.groups):
@@ -165,12 +175,18 @@ def layout_words(found: Calibration, drawn: Design) -> list[str]:
 
 
 def _others(parameters: dict[str, FittedParameter], number: int, name: str) -> list[str]:
-    """Height and tilt with their intervals, where pictures tell them."""
+    """Height and tilt with their intervals, or that pictures do not tell them."""
     found = []
-    for field, what, unit in (("height_mm", "height", "mm"), ("tilt_deg", "tilt", "deg")):
+    for (field, what, unit), told in TOLD.items():
         parameter = parameters.get(f"leds.groups.{number}.{field}")
-        if parameter is not None and parameter.se is not None:
-            found.append(f"LED group {name}: {what} {parameter.value:.2f} ± {1.96 * parameter.se:.2f} {unit}")
+        if parameter is None:
+            continue
+        if parameter.se is None:
+            found.append(f"LED group {name}: these pictures do not tell its {what}")
+            continue
+        spread = 1.96 * parameter.se
+        untold = f": these pictures do not tell it to {told:g} {unit}" if spread > told else ""
+        found.append(f"LED group {name}: {what} {parameter.value:.2f} ± {spread:.2f} {unit}{untold}")
     return found
 
 

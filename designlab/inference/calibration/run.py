@@ -49,6 +49,7 @@ def calibrate(
     free: Sequence[str] | None = None,
     mask: Mask | None = None,
     trust: Sequence[str] = (),
+    drawn: Design | None = None,
     progress: Progress = silent,
 ) -> Calibration:
     """Fit the light, some fields of the design and the pose of every press to the pictures of one sensor.
@@ -82,6 +83,8 @@ def calibrate(
         Pixels that are fitted to, all when absent; figures are of the whole pictures.
     trust : sequence of str
         Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
+    drawn : Design, optional
+        The design that figures before the fit are of, where `model` is one that a search has found.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
 
@@ -112,7 +115,10 @@ def calibrate(
     problem = Problem(imaging, within(mask, seen.shots), fields, seed=seed)
     _check(measurement, problem, fitted)
     work.begin("model as given")
-    given = _given(measurement, problem, imaging.level() - seen.black_level)
+    first = problem
+    if drawn is not None:
+        first = Problem(replace(_imaging(drawn, samples), work=work), problem.shots, (), seed=seed)
+    given = _given(measurement, first, imaging.level() - seen.black_level)
     if renders:  # a model without light transport misses pictures for reasons of its own
         trusted += refuse(measurement, _faults(measurement, problem, seen), trust)
     balls = seen.of("light_probe")
@@ -267,7 +273,8 @@ def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int
         try:
             bases[number] = problem.basis(problem.start(), number)
         except (ValueError, RenderFailed) as error:
-            if shot.ball is None:
+            of_press = shot.press is not None and type(error) is ValueError
+            if shot.ball is None and not of_press:
                 raise
             raise MeasurementError(f"{measurement.folder}: frame {shot.files[0]}: {error}") from None
     state = replace(problem.start(), transfer=problem.imaging.factors(), floor=floor)

@@ -13,7 +13,7 @@ from designlab.simulation.effects.model import SensorModel
 FitWord = Literal["good", "doubtful", "failed"]
 
 LIGHT_IN_FLOOR = (0.2, 0.5)  # share of a channel's mean signal: doubtful, failed
-FALLEN = (0.01, 0.05)  # of the structure correlation
+FALLEN = (0.001, 0.05)  # of the structure correlation: what its figures show, what no other gain outweighs
 UNLIKE_DB = (15.0, 8.0)  # SNR of the untouched gel: 18 and 40 % of the signal are left
 LITTLE_LIGHT = 0.02  # of the strongest group of a channel
 
@@ -84,11 +84,10 @@ def _structure(found: Calibration) -> Iterator[tuple[bool, str]]:
         float(np.mean([getattr(frame, when)["structure_corr"] for frame in presses]))
         for when in ("before", "after")
     )
-    if before - after > FALLEN[0]:
-        yield (
-            before - after > FALLEN[1],
-            f"presses are rendered worse than before: structure correlation {before:.2f} -> {after:.2f}",
-        )
+    if (fall := before - after) > FALLEN[0]:
+        digits = 2 if fall > 0.01 else 3
+        change = f"{before:.{digits}f} -> {after:.{digits}f}"
+        yield fall > FALLEN[1], f"presses are rendered worse than before: structure correlation {change}"
 
 
 def _left(found: Calibration) -> Iterator[tuple[bool, str]]:

@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+import layout_sensors
 import numpy as np
 import pytest
 
+from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.layout import (
     GroupPlace,
     layout_fields,
@@ -12,6 +14,7 @@ from designlab.inference.calibration.layout import (
     search_layout,
 )
 from designlab.inference.calibration.result import FittedParameter
+from designlab.inference.calibration.verdict import FALLEN
 from designlab.measurement import (
     MeasuredFrame,
     Measurement,
@@ -19,6 +22,7 @@ from designlab.measurement import (
     load_measurement,
     write_measurement,
 )
+from designlab.measurement.quality.suspicion import NAMES
 from designlab.measurement.transfer import predicted
 from designlab.sensor.design import preset
 from designlab.simulation.contact.press import Press
@@ -64,6 +68,43 @@ def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     assert found.left < 0.05
 
 
+@pytest.mark.renders
+@pytest.mark.slow
+def test_figures_before_are_of_the_design_as_drawn(tmp_path):
+    moved = DESIGN.replace({"leds.groups.2.azimuth_deg": [150.0], "leds.groups.0.height_mm": 7.0})
+    options = {"columns": 16, "samples": 4, "free": (), "seed": 1, "trust": NAMES}
+    found = calibrate(made(tmp_path / "m", moved), moved, drawn=DESIGN, **options)
+    gel = next(frame for frame in found.frames if frame.pose is None)
+    half = gel.measured.shape[1] // 2
+    for picture, from_the_right in ((gel.given, True), (gel.measured, False), (gel.simulated, False)):
+        blue = picture[..., 2]
+        assert (blue[:, half:].mean() > blue[:, :half].mean()) == from_the_right
+
+
+@pytest.mark.renders
+@pytest.mark.full
+@pytest.mark.recovery
+@pytest.mark.parametrize("name", ["turned", "elastic"])
+def test_rows_of_made_sensors_are_right_or_not_told(tmp_path, name):
+    found = layout_sensors.run(name, tmp_path, columns=48, seed=4)
+    assert [row for row in found["rows"] if row[-1] == "wrong"] == []
+    assert all(word == "right" for _, what, *_, word in found["rows"] if what == "azimuth_deg")
+    assert found["verdict"] != "good" or found["after"] > found["before"] - FALLEN[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "truth", "error", "word"),
+    [
+        (358.0, 0.1, 1.0, -3.0, "right"),
+        (-10.0, 1.0, 357.0, -7.0, "wrong"),
+        (20.0, 4.0, 357.0, 23.0, "untold"),
+        (20.0, None, 357.0, 23.0, "untold"),
+    ],
+)
+def test_how_the_benchmark_judges_an_azimuth(value, se, truth, error, word):
+    assert layout_sensors.judged("azimuth_deg", value, se, truth) == (pytest.approx(error), word)
+
+
 def test_a_fit_frees_azimuth_height_and_tilt_of_each_group():
     design, paths = layout_fields(DESIGN)
     assert len(paths) == 9
@@ -90,13 +131,25 @@ def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
             parameter("1.azimuth_deg.0", 215.0, 8.0),
             parameter("2.azimuth_deg.0", -210.0, 1.0),
             parameter("2.height_mm", 8.5, 0.1),
+            parameter("2.tilt_deg", 20.0, 3.0),
+            parameter("0.height_mm", 8.0, None),
         )
     )
     assert layout_words(found, DESIGN) == [
         "LED group red shines from 91 ± 1.0 deg, as drawn",
+        "LED group red: these pictures do not tell its height",
         "LED group green: these pictures do not tell its azimuth",
         "LED group blue shines from 150 ± 2.0 deg, drawn at 330 deg",
         "LED group blue: height 8.50 ± 0.20 mm",
+        "LED group blue: tilt 20.00 ± 5.88 deg: these pictures do not tell it to 5 deg",
+    ]
+
+
+def test_a_failed_fit_tells_of_no_group():
+    words = layout_words(SimpleNamespace(parameters=()), DESIGN, failed=True)
+    assert words == [
+        f"LED group {name}: not told where it shines from, since the fit failed"
+        for name in ("red", "green", "blue")
     ]
 
 

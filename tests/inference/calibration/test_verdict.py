@@ -84,6 +84,14 @@ def test_what_speaks_against_a_fit_is_said(changes, word, reason):
     assert any(reason in each for each in found.reasons), found.reasons
 
 
+@pytest.mark.parametrize("fall", [0.002, 0.005, 0.009, 0.02, 0.2])
+def test_no_fit_is_good_when_structure_fell(fall):
+    frames = (frame("background", 0.5, 0.9, 30.0), frame("final", 0.9, 0.9 - fall, 25.0))
+    found = fit_verdict(calibration(frames=frames))
+    assert found.word != "good"
+    assert "structure correlation 0.90" in found.reasons[0]
+
+
 def test_light_without_transport_has_no_groups_to_judge():
     light = DirectionalLight.of(DESIGN, "diffuse")
     transfer = np.array([[0.3, 0.2], [0.4, 0.1], [0.2, 0.2]])
