@@ -9,7 +9,8 @@ from pydantic import ValidationError
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.depths import by_circle, by_force, cap_depth_mm
 from designlab.measurement.frames import MeasuredFrame
-from designlab.sensor.design import explain, preset
+from designlab.sensor.design import preset
+from designlab.sensor.field_errors import explain
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.probes import parse
