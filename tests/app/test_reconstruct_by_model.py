@@ -25,6 +25,8 @@ SENSORS = {
     "gelsight-2020-flat-elastic": "gelsight-2020-flat-core",
 }
 """Sensors, and models that they are not."""
+USUAL, *FURTHER = SENSORS
+FULL = pytest.mark.full  # of minutes each, with the others of their kind
 PRESSES = [
     {"probe": "sphere:4", "depth_mm": 0.5, "centre_mm": [1.5, -1.0], "yaw_deg": 0.0},
     {"probe": "sphere:5", "depth_mm": 0.8, "centre_mm": [-2.0, 1.5], "yaw_deg": 0.0},
@@ -85,7 +87,7 @@ def truth(folder, number):
 
 @pytest.mark.slow
 @pytest.mark.renders
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", [USUAL, *(pytest.param(name, marks=FULL) for name in FURTHER)])
 def test_the_right_model_gives_shapes_as_good_as_it_says(planted, said, tmp_path, sensor):
     folder = planted(sensor)
     status, told, _ = said(arguments(folder, sensor, tmp_path))
@@ -107,7 +109,10 @@ def test_the_right_model_gives_shapes_as_good_as_it_says(planted, said, tmp_path
 
 @pytest.mark.slow
 @pytest.mark.renders
-@pytest.mark.parametrize(("sensor", "model"), SENSORS.items())
+@pytest.mark.parametrize(
+    ("sensor", "model"),
+    [(USUAL, SENSORS[USUAL]), *(pytest.param(name, SENSORS[name], marks=FULL) for name in FURTHER)],
+)
 def test_a_wrong_model_is_warned_of(planted, said, tmp_path, sensor, model):
     status, told, _ = said(arguments(planted(sensor), model, tmp_path))
     assert status == 0
@@ -135,7 +140,7 @@ def test_the_map_is_kept_for_the_next_pictures(planted, said, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.renders
-@pytest.mark.parametrize("curve", ["srgb", "gamma:1.8"])
+@pytest.mark.parametrize("curve", ["srgb", pytest.param("gamma:1.8", marks=FULL)])
 def test_a_curve_of_the_camera_is_undone(planted, said, tmp_path, curve):
     folder = planted("gelsight-2020-flat")
     response = Response(curve="srgb") if curve == "srgb" else Response(curve="gamma", gamma=1.8)

@@ -84,7 +84,8 @@ def test_markers_leave_shapes_as_they_are(taken, out):
         (out[0] / "shapes.csv")
         .read_text()
         .startswith(
-            "file,frame,depth_mm,contact_area_mm2,force_n,markers,markers_moved_mm,shear_x_n,shear_y_n,warnings"
+            "file,frame,depth_mm,contact_area_mm2,force_n,force_low_n,force_high_n,"
+            "markers,markers_moved_mm,shear_x_n,shear_y_n,warnings"
         )
     )
 

@@ -38,7 +38,7 @@ def planted(folder, design, press, **how):
     ("design", "probe", "depth_mm", "centre_mm", "yaw_deg"),
     [
         (FLAT, "sphere:4", 0.4, (-3.0, 2.0), 0.0),
-        (ELASTIC, "sphere:4", 0.8, (2.5, -2.0), 0.0),
+        pytest.param(ELASTIC, "sphere:4", 0.8, (2.5, -2.0), 0.0, marks=pytest.mark.full),
         (FLAT, "triangle:5", 0.5, (1.5, -1.5), 20.0),
     ],
 )

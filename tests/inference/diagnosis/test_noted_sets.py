@@ -43,7 +43,7 @@ def honest(report):
 @pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.llvm
-@pytest.mark.parametrize("noted", ["force", "circle"])
+@pytest.mark.parametrize("noted", ["force", pytest.param("circle", marks=pytest.mark.full)])
 def test_presses_by_force_or_circle(tmp_path, noted):
     measurement = planted(tmp_path, ELASTIC, noted=noted)
     assert all(frame.depth_mm is None for frame in measurement.frames)
@@ -55,6 +55,7 @@ def test_presses_by_force_or_circle(tmp_path, noted):
 
 @pytest.mark.renders
 @pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 def test_poses_from_the_pictures_alone(tmp_path):
     report, written = diagnosed(planted(tmp_path, FLAT, noted="nothing", placed=False), FLAT, tmp_path)
@@ -69,6 +70,7 @@ def test_poses_from_the_pictures_alone(tmp_path):
 
 @pytest.mark.renders
 @pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 def test_no_repeats(tmp_path):
     whole = planted(tmp_path, FLAT)
@@ -95,6 +97,7 @@ def test_a_background_and_one_press(tmp_path):
 
 @pytest.mark.renders
 @pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 def test_eight_bits_in_srgb(tmp_path):
     def eight_bits(image):
@@ -113,7 +116,9 @@ AZIMUTHS = ((90.0, 210.0, 150.0), (30.0, 210.0, 330.0), (150.0, 270.0, 30.0))
 @pytest.mark.slow
 @pytest.mark.recovery
 @pytest.mark.llvm
-@pytest.mark.parametrize("azimuths_deg", AZIMUTHS)
+@pytest.mark.parametrize(
+    "azimuths_deg", [AZIMUTHS[0], *(pytest.param(each, marks=pytest.mark.full) for each in AZIMUTHS[1:])]
+)
 def test_groups_at_other_sides_are_named_and_no_effect_instead(tmp_path, azimuths_deg):
     there = {f"leds.groups.{n}.azimuth_deg": [azimuth] for n, azimuth in enumerate(azimuths_deg)}
     turned = FLAT.replace(there)
