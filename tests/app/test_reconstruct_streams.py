@@ -22,7 +22,7 @@ from tests.reconstruction.test_lab import SHAPE, slopes
 pytestmark = pytest.mark.slow
 
 PROGRAM = """
-import os, sys, time
+import os, signal, sys, time
 from designlab.app.cli import main
 from designlab.core import journal
 
@@ -31,6 +31,7 @@ def slowly(self, row):
     kept(self, row)
     time.sleep(float(os.environ.get("PAUSE", 0)))
 journal.Journal.append = slowly
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the tests run in the background
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -17,9 +17,9 @@ TITLED = re.compile(rf"\((?:{UNITS})\)[^,;]*$")
 BRACKETED = re.compile(rf"\d\s?(?:{UNITS})\s\([^)]*$")
 # of these, numbers are ratios, shares or counts of noise
 BARE = (
-    "share", "confidence", "squared residual", "excess", "evidence", "ratio", "factor", "index", "exponent",
-    "correlation", "probability", "per noise", "floor", "usual", "before", "after", "version", "designlab",
-    "doi", "arXiv", "least / greatest", "U0", "importance", "significance",
+    "share", "confidence", "in units of", "squared residual", "excess", "evidence", "ratio", "factor",
+    "index", "exponent", "correlation", "probability", "per noise", "floor", "usual", "before", "after",
+    "version", "designlab", "doi", "arXiv", "least / greatest", "U0", "importance", "significance",
     "p-value", "SNR", "gamma", "reflectance", "distortion",
 )  # fmt: skip
 DIMENSIONLESS = tuple(
@@ -89,7 +89,7 @@ def bare_numbers(text: str) -> list[str]:
         rest, before = text[match.end() :], text[: match.start()]
         while not UNIT.match(rest) and (more := FURTHER.match(rest)):
             rest = rest[more.end() :]
-        of = re.split(r"[;:.]\s", before)[-1]
+        of = re.split(r"[;.]\s", before)[-1]
         said = UNIT.match(rest) or BRACKETED.search(before) or TITLED.search(of)
         if not said and not _has_none(of):
             found.append(match.group())

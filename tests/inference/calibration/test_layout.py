@@ -57,14 +57,22 @@ def made(folder, design):
 @pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.recovery
-@pytest.mark.parametrize("azimuths_deg", [(90, 210, 150), (90, 210, 330), (30, 150, 270)])
+@pytest.mark.parametrize(
+    "azimuths_deg",
+    [
+        (90, 210, 150),
+        *(pytest.param(each, marks=pytest.mark.full) for each in ((90, 210, 330), (30, 150, 270))),
+    ],
+)
 def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     there = {f"leds.groups.{n}.azimuth_deg": [float(azimuth)] for n, azimuth in enumerate(azimuths_deg)}
     found = search_layout(made(tmp_path / "m", DESIGN.replace(there)), DESIGN, seed=1)
     assert [place.found_deg for place in found.places] == list(azimuths_deg)
     assert [group.azimuth_deg[0] for group in found.design.leds.groups] == list(azimuths_deg)
     assert all(place.worse > 1 for place in found.places)
-    assert found.drawn > 2
+    assert (found.drawn > 2) == (
+        azimuths_deg != (90, 210, 330)
+    )  # where they are as drawn, nothing beats that
     assert found.left < 0.05
 
 
