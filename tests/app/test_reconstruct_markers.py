@@ -93,7 +93,12 @@ def test_markers_leave_shapes_as_they_are(taken, out):
 @pytest.mark.slow
 @pytest.mark.renders
 @pytest.mark.parametrize(
-    ("more", "known"), [((), True), (("--camera-mm", "30"), True), (("--markers", "none"), False)]
+    ("more", "known"),
+    [
+        pytest.param((), True, marks=pytest.mark.full),
+        pytest.param(("--camera-mm", "30"), True, marks=pytest.mark.full),
+        (("--markers", "none"), False),
+    ],
 )
 def test_the_kept_map_knows_the_markers(out, tmp_path, capsys, more, known):
     made, words = out
