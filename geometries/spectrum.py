@@ -1,5 +1,6 @@
 """Spectra as tables: what an LED emits by wavelength, and what a colour filter lets through."""
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Self
 
@@ -8,6 +9,33 @@ from pydantic import Field, model_validator
 from geometries.spec import Spec
 
 SHORTEST_NM, LONGEST_NM = 100.0, 3000.0  # beyond, a table is rather in another unit
+
+
+def require_curves(wavelength_nm: Sequence[float], columns: Mapping[str, Sequence[float]]) -> None:
+    """Refuse a table that holds no curves over wavelengths; each column is named as its field.
+
+    Raises
+    ------
+    ValueError
+        Naming field, rule and value.
+    """
+    if len(wavelength_nm) < 2:
+        raise ValueError("wavelength_nm: a table needs at least two wavelengths, or give a name")
+    for before, after in pairwise(wavelength_nm):
+        if after <= before:
+            raise ValueError(f"wavelength_nm: must rise, {after:g} nm follows {before:g} nm")
+    if wavelength_nm[0] < SHORTEST_NM or wavelength_nm[-1] > LONGEST_NM:
+        raise ValueError(
+            f"wavelength_nm: must lie between {SHORTEST_NM:g} and {LONGEST_NM:g} nm, "
+            f"runs from {wavelength_nm[0]:g} to {wavelength_nm[-1]:g}"
+        )
+    for field, values in columns.items():
+        if len(values) != len(wavelength_nm):
+            raise ValueError(
+                f"{field}: needs a value for each of the {len(wavelength_nm)} wavelengths, has {len(values)}"
+            )
+        if min(values) < 0 or not any(values):
+            raise ValueError(f"{field}: must not be negative, and somewhere positive")
 
 
 class _Curve(Spec):
@@ -35,23 +63,7 @@ class _Curve(Spec):
             if self.name is None:
                 raise ValueError("name: needed where no table is given; known ones are in the catalogue")
             return
-        if len(self.wavelength_nm) < 2:
-            raise ValueError("wavelength_nm: a table needs at least two wavelengths")
-        for before, after in pairwise(self.wavelength_nm):
-            if after <= before:
-                raise ValueError(f"wavelength_nm: must rise, {after:g} nm follows {before:g} nm")
-        if self.wavelength_nm[0] < SHORTEST_NM or self.wavelength_nm[-1] > LONGEST_NM:
-            raise ValueError(
-                f"wavelength_nm: must lie between {SHORTEST_NM:g} and {LONGEST_NM:g} nm, "
-                f"runs from {self.wavelength_nm[0]:g} to {self.wavelength_nm[-1]:g}"
-            )
-        if len(values) != len(self.wavelength_nm):
-            raise ValueError(
-                f"{field}: needs a value for each of the {len(self.wavelength_nm)} wavelengths, "
-                f"has {len(values)}"
-            )
-        if min(values) < 0 or not any(values):
-            raise ValueError(f"{field}: must not be negative, and somewhere positive")
+        require_curves(self.wavelength_nm, {field: values})
 
 
 class Spectrum(_Curve):

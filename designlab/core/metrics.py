@@ -302,9 +302,7 @@ def _ssim(simulated: Array, real: Array) -> float:
     data_range = float(real.max() - real.min())
     if data_range == 0:
         return float("nan")
-    similarity = structural_similarity(  # type: ignore[no-untyped-call]
-        simulated, real, win_size=_SSIM_WINDOW_PX, data_range=data_range
-    )
+    similarity = structural_similarity(simulated, real, win_size=_SSIM_WINDOW_PX, data_range=data_range)
     return float(similarity)
 
 

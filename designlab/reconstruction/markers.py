@@ -137,8 +137,8 @@ def _spots(image: Array) -> list[_Spot]:
     dark = 1 - level / np.maximum(around, 1e-12)
     rows, columns = level.shape
     found = []
-    parts = label(dark > DARKER)  # type: ignore[no-untyped-call]
-    for part in regionprops(parts, intensity_image=dark):  # type: ignore[no-untyped-call]
+    parts = label(dark > DARKER)
+    for part in regionprops(parts, intensity_image=dark):
         if part.area < LEAST_PX:
             continue
         row, column = part.centroid_weighted

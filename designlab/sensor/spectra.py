@@ -1,7 +1,6 @@
 """Spectra of LEDs, filters and cameras: how much each colour channel answers to each LED group."""
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -10,7 +9,7 @@ from pydantic import Field, model_validator
 from designlab.core.types import Array
 from designlab.sensor.data import table
 from geometries.spec import Spec
-from geometries.spectrum import Filter, Spectrum
+from geometries.spectrum import Filter, Spectrum, require_curves
 
 WIDTHS_NM = ((490.0, 25.0), (560.0, 35.0), (1100.0, 20.0))
 """Typical full width at half maximum up to a peak wavelength: blue InGaN, green InGaN, red AlGaInP.
@@ -95,21 +94,7 @@ class Sensitivity(Spec):
             if self.name not in SENSITIVITIES:
                 raise ValueError(f"name: unknown {self.name!r}; known are {', '.join(SENSITIVITIES)}")
             return self
-        if len(self.wavelength_nm) < 2:
-            raise ValueError("wavelength_nm: a table needs at least two wavelengths, or give a name")
-        for before, after in pairwise(self.wavelength_nm):
-            if after <= before:
-                raise ValueError(f"wavelength_nm: must rise, {after:g} nm follows {before:g} nm")
-        if self.wavelength_nm[0] < 100 or self.wavelength_nm[-1] > 3000:
-            raise ValueError("wavelength_nm: must lie between 100 and 3000 nm")
-        for name, values in channels.items():
-            if len(values) != len(self.wavelength_nm):
-                raise ValueError(
-                    f"{name}: needs a value for each of the {len(self.wavelength_nm)} wavelengths, "
-                    f"has {len(values)}"
-                )
-            if min(values) < 0 or not any(values):
-                raise ValueError(f"{name}: must not be negative, and somewhere positive")
+        require_curves(self.wavelength_nm, channels)
         return self
 
     @property

@@ -246,7 +246,7 @@ def _contact(
             return None
         from skimage.morphology import convex_hull_image
 
-        hull = convex_hull_image(strength > most / 2)  # type: ignore[no-untyped-call]
+        hull = convex_hull_image(strength > most / 2)
         row, column = (float(axis.mean()) for axis in np.nonzero(hull))
     seen = rays(design, shots[-1].view)
     rows, columns = seen.x_mm.shape

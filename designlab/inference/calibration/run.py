@@ -304,7 +304,7 @@ def _placed(problem: Problem, state: CalibrationState, balls: Sequence[int]) -> 
         # Narrow images of LEDs leave a fit little to hold on to: first move by what the picture is shifted.
         shot = problem.shots[number]
         measured, simulated = shot.signal.sum(axis=-1), problem.basis(state, number).sum(axis=0)
-        shift, _, _ = phase_cross_correlation(  # type: ignore[no-untyped-call]
+        shift, _, _ = phase_cross_correlation(
             measured / measured.sum(), simulated / simulated.sum(), upsample_factor=10, normalization=None
         )
         x_mm, y_mm = rays(problem.imaging.design, shot.view).pitch_mm

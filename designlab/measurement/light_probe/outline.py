@@ -82,12 +82,10 @@ def _coarse(grey: Array, least: float, greatest: float) -> Outline | None:
     span = float(np.ptp(small))
     if span <= 0:
         return None
-    edges = canny(  # type: ignore[no-untyped-call]
-        small / span, sigma=1.5, low_threshold=0.02, high_threshold=0.06
-    )
+    edges = canny(small / span, sigma=1.5, low_threshold=0.02, high_threshold=0.06)
     radii = np.unique(np.arange(max(3, least * shrink), greatest * shrink + 1).round().astype(int))
-    votes = hough_circle(edges, radii)  # type: ignore[no-untyped-call]
-    peaks = hough_circle_peaks(votes, radii, total_num_peaks=1)  # type: ignore[no-untyped-call]
+    votes = hough_circle(edges, radii)
+    peaks = hough_circle_peaks(votes, radii, total_num_peaks=1)
     _, columns, rows, found = peaks
     if not len(found):
         return None

@@ -31,7 +31,7 @@ def models_plot(pairs: Mapping[str, Pair]) -> "Figure":
     axes = figure.subplots(len(pairs), 4)
     for row, (name, pair) in enumerate(pairs.items()):
         maps = [
-            structural_similarity(  # type: ignore[no-untyped-call]
+            structural_similarity(
                 pair.simulated[..., c], pair.real[..., c], data_range=np.ptp(pair.real[..., c]), full=True
             )[1]
             for c in range(3)
