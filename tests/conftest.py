@@ -77,3 +77,36 @@ def processes(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Proces
     for process in found.started:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture(scope="session")
+def ball_folder(tmp_path_factory):
+    """Pictures of made balls, and of the untouched gel."""
+    from designlab.core.images import write_image
+    from tests.helpers.ball_pictures import UNTOUCHED, exposed
+    from tests.reconstruction.test_lab import BALLS
+
+    out = tmp_path_factory.mktemp("balls")
+    write_image(out / "background.exr", UNTOUCHED)
+    for number, ball in enumerate(BALLS):
+        write_image(out / f"ball-{number}.exr", exposed(ball.image))
+    return out
+
+
+@pytest.fixture(scope="session")
+def ball_calibration(ball_folder):
+    """One calibration on them, for all tests of what is done with it."""
+    from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from tests.helpers.ball_pictures import QUICK
+    from tests.reconstruction.test_lab import PITCH_MM, RADIUS_MM, THICKNESS_MM
+
+    balls = load_balls(ball_folder, ball_mm=2 * RADIUS_MM, mm_per_px=PITCH_MM)
+    return calibrate_balls(balls, thickness_mm=THICKNESS_MM, method=QUICK)
+
+
+@pytest.fixture(scope="session")
+def calibration_file(ball_calibration, tmp_path_factory):
+    """Its file."""
+    from designlab.reconstruction.calibration_file import save_calibration
+
+    return save_calibration(tmp_path_factory.mktemp("calibration") / "calibration.npz", ball_calibration.kept)

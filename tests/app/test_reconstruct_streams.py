@@ -16,7 +16,6 @@ from designlab.core.images import write_image
 from designlab.report.reconstruction import reconstruction_report
 from tests.helpers.ball_pictures import UNTOUCHED, of_other_sensor, pressed, pressed_twice
 from tests.helpers.processes import until
-from tests.reconstruction.conftest import file, folder, found  # noqa: F401  fixtures
 from tests.reconstruction.test_lab import SHAPE, slopes
 
 pytestmark = pytest.mark.slow
@@ -48,13 +47,21 @@ def frames(count):
 
 
 @pytest.fixture
-def said(file, capsys):  # noqa: F811
+def said(calibration_file, capsys):
     """Run the command and give its exit status, what it says as JSON, and its error."""
 
     def run(*words, mode="video"):
         capsys.readouterr()
         status = cli.main(
-            ["reconstruct", *map(str, words), "--calibration", str(file), "--mode", mode, "--json"]
+            [
+                "reconstruct",
+                *map(str, words),
+                "--calibration",
+                str(calibration_file),
+                "--mode",
+                mode,
+                "--json",
+            ]
         )
         ended = capsys.readouterr()
         assert ended.out, ended.err
@@ -92,10 +99,10 @@ def test_a_video_at_a_stride_goes_on_where_it_ended(said, tmp_path, suffix, ever
 
 
 @pytest.mark.faults
-def test_a_killed_run_loses_no_frame_that_was_finished(file, said, processes, tmp_path):  # noqa: F811
+def test_a_killed_run_loses_no_frame_that_was_finished(calibration_file, said, processes, tmp_path):
     path, out = tmp_path / "press.tif", tmp_path / "out"
     tifffile.imwrite(path, np.stack(frames(12)), photometric="rgb")
-    words = ["reconstruct", path, "--calibration", file, "--mode", "video", "--out", out]
+    words = ["reconstruct", path, "--calibration", calibration_file, "--mode", "video", "--out", out]
     for kill in (signal.SIGKILL, signal.SIGINT):
         before = len(list(out.glob("*-height.npy"))) if out.is_dir() else 0
         process = processes.start(*words, PAUSE="0.3")
@@ -141,7 +148,7 @@ def test_a_full_disk_loses_no_frame_that_was_finished(said, tmp_path, monkeypatc
 
 
 @pytest.mark.faults
-def test_a_folder_that_a_camera_fills_is_watched(file, processes, tmp_path):  # noqa: F811
+def test_a_folder_that_a_camera_fills_is_watched(calibration_file, processes, tmp_path):
     filling, out = tmp_path / "camera", tmp_path / "out"
     filling.mkdir()
     made = frames(4)
@@ -151,7 +158,7 @@ def test_a_folder_that_a_camera_fills_is_watched(file, processes, tmp_path):  # 
         "--watch",
         filling,
         "--calibration",
-        file,
+        calibration_file,
         "--mode",
         "video",
         "--out",
@@ -195,10 +202,10 @@ def test_a_folder_that_a_camera_fills_is_watched(file, processes, tmp_path):  # 
         (["a.png", "--files", "heights"], "--files"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(file, tmp_path, monkeypatch, capsys, words, line):  # noqa: F811
+def test_options_that_make_no_sense_are_refused(calibration_file, tmp_path, monkeypatch, capsys, words, line):
     monkeypatch.chdir(tmp_path)
     Image.fromarray(bytes_of(pressed())).save("a.png")
-    assert cli.main(["reconstruct", *words, "--calibration", str(file), "--out", "out"]) == 2
+    assert cli.main(["reconstruct", *words, "--calibration", str(calibration_file), "--out", "out"]) == 2
     assert line in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

@@ -25,8 +25,8 @@ def warnings_or_refusal():
 
 
 @pytest.fixture(scope="module")
-def both(file):
-    return {mode: Reconstructor.load(file, mode=mode) for mode in ("accurate", "video")}
+def both(calibration_file):
+    return {mode: Reconstructor.load(calibration_file, mode=mode) for mode in ("accurate", "video")}
 
 
 @pytest.mark.parametrize("gain", GAINS)

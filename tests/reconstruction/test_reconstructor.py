@@ -18,24 +18,24 @@ PRESS_RADIUS_MM = 1.2
 
 
 @pytest.mark.slow
-def test_balls_left_out_are_found_and_the_verdict_is_good(found):
-    assert found.mean.contact_deg < 2.0
-    assert found.mean.height_mm < 0.02
-    assert found.verdict() == ("good", ())
-    assert found.kept.about["balls"] == len(BALLS)
+def test_balls_left_out_are_found_and_the_verdict_is_good(ball_calibration):
+    assert ball_calibration.mean.contact_deg < 2.0
+    assert ball_calibration.mean.height_mm < 0.02
+    assert ball_calibration.verdict() == ("good", ())
+    assert ball_calibration.kept.about["balls"] == len(BALLS)
 
 
 @pytest.mark.slow
-def test_a_file_gives_back_the_same_maps(found, file):
-    again = load_calibration(file)
+def test_a_file_gives_back_the_same_maps(ball_calibration, calibration_file):
+    again = load_calibration(calibration_file)
     image = pressed()
-    ours, theirs = (Reconstructor(kept)(image, pressure=False) for kept in (found.kept, again))
+    ours, theirs = (Reconstructor(kept)(image, pressure=False) for kept in (ball_calibration.kept, again))
     assert np.abs(ours.height_mm - theirs.height_mm).max() < 1e-6
 
 
 @pytest.mark.slow
-def test_a_press_has_its_depth_contact_and_force(file):
-    shape = Reconstructor.load(file)(pressed())
+def test_a_press_has_its_depth_contact_and_force(calibration_file):
+    shape = Reconstructor.load(calibration_file)(pressed())
     truth = SURFACE.depth_mm(PRESS_RADIUS_MM)
     assert shape.depth_mm == pytest.approx(truth, rel=0.06)
     assert shape.contact_area_mm2 == pytest.approx(np.pi * PRESS_RADIUS_MM**2, rel=0.25)
@@ -57,15 +57,15 @@ def test_a_press_has_its_depth_contact_and_force(file):
         (pressed((8, 60), 16.0), "reaches the border"),
     ],
 )
-def test_what_speaks_against_a_shape_is_said(file, image, warning):
-    shape = Reconstructor.load(file)(image, pressure=False)
+def test_what_speaks_against_a_shape_is_said(calibration_file, image, warning):
+    shape = Reconstructor.load(calibration_file)(image, pressure=False)
     assert any(warning in text for text in shape.warnings), shape.warnings
 
 
 @pytest.mark.slow
 @pytest.mark.faults
-def test_a_gel_that_has_moved_or_light_that_has_changed_is_said(file):
-    reconstructor = Reconstructor.load(file)
+def test_a_gel_that_has_moved_or_light_that_has_changed_is_said(calibration_file):
+    reconstructor = Reconstructor.load(calibration_file)
     textured = exposed(BACKGROUND * (1 + 0.1 * np.random.default_rng(0).normal(size=(*SHAPE, 1))))
     on = reconstructor.on(textured)
     assert on.drift(textured) == ()
@@ -77,8 +77,8 @@ def test_a_gel_that_has_moved_or_light_that_has_changed_is_said(file):
 
 @pytest.mark.slow
 @pytest.mark.faults
-def test_other_sizes_and_other_files_are_refused(file, tmp_path):
-    reconstructor = Reconstructor.load(file)
+def test_other_sizes_and_other_files_are_refused(calibration_file, tmp_path):
+    reconstructor = Reconstructor.load(calibration_file)
     with pytest.raises(ValueError, match=r"must be 140 x 120 pixels of 3 channels, .* got 70 x 120 pixels"):
         reconstructor(pressed()[:, :70])
     with pytest.raises(ValueError, match="background: must be 140 x 120"):
@@ -120,12 +120,21 @@ def test_what_balls_lack_is_said(tmp_path, files, options, line, capsys):
 
 
 @pytest.mark.slow
-def test_the_commands_write_shapes_once_and_pages_that_hold(file, folder, tmp_path, capsys):
+def test_the_commands_write_shapes_once_and_pages_that_hold(calibration_file, ball_folder, tmp_path, capsys):
     presses, out = tmp_path / "presses", tmp_path / "shapes"
     presses.mkdir()
     write_image(presses / "one.exr", pressed())
     write_image(presses / "two.exr", pressed((80, 70), 10.0))
-    command = ["reconstruct", str(presses), "--calibration", str(file), "--gel", "solaris", "--out", str(out)]
+    command = [
+        "reconstruct",
+        str(presses),
+        "--calibration",
+        str(calibration_file),
+        "--gel",
+        "solaris",
+        "--out",
+        str(out),
+    ]
     assert cli.main(command) == 0
     said = capsys.readouterr().out
     assert "one.exr" in said
@@ -148,7 +157,7 @@ def test_the_commands_write_shapes_once_and_pages_that_hold(file, folder, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.faults
-def test_pictures_of_usual_formats_are_read_and_others_refused_one_by_one(file, tmp_path, capsys):
+def test_pictures_of_usual_formats_are_read_and_others_refused_one_by_one(calibration_file, tmp_path, capsys):
     image = np.round(255 * pressed()).astype(np.uint8)
     for suffix in ("jpg", "bmp", "webp", "tif"):
         Image.fromarray(image).save(tmp_path / f"good.{suffix}")
@@ -156,7 +165,7 @@ def test_pictures_of_usual_formats_are_read_and_others_refused_one_by_one(file, 
     np.save(tmp_path / "counts.npy", 255 * pressed())
     Image.fromarray(image).convert("CMYK").save(tmp_path / "inks.jpg")
     (tmp_path / "text.png").write_text("no picture")
-    command = ["reconstruct", str(tmp_path), "--calibration", str(file), "--mesh", "none"]
+    command = ["reconstruct", str(tmp_path), "--calibration", str(calibration_file), "--mesh", "none"]
     assert cli.main([*command, "--out", str(tmp_path / "out"), "--json"]) == 1
     said = json.loads(capsys.readouterr().out)
     assert len(said["shapes"]) == 5

@@ -16,8 +16,8 @@ BOTH = ("accurate", "video")
 
 
 @pytest.fixture(scope="module")
-def both(file):
-    return {mode: Reconstructor.load(file, mode=mode) for mode in BOTH}
+def both(calibration_file):
+    return {mode: Reconstructor.load(calibration_file, mode=mode) for mode in BOTH}
 
 
 @pytest.mark.slow
@@ -81,9 +81,9 @@ def test_another_background_keeps_the_table(both):
 
 @pytest.mark.slow
 @pytest.mark.faults
-def test_what_mode_video_cannot_do_is_said(file, both):
+def test_what_mode_video_cannot_do_is_said(calibration_file, both):
     with pytest.raises(ValueError, match="mode: must be accurate or video, got 'fast'"):
-        Reconstructor.load(file, mode="fast")
+        Reconstructor.load(calibration_file, mode="fast")
     with pytest.raises(ValueError, match="mask: mode video takes none"):
         both["video"](pressed(), mask=np.ones(SHAPE, dtype=bool))
     with pytest.raises(ValueError, match="must be 140 x 120 pixels of 3 channels"):
