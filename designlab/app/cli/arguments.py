@@ -468,6 +468,8 @@ def _add_gap(add: Any) -> None:
     )
     _option(diagnose, "measurement MEASUREMENT", "folder with a measurement.toml")
     _option(diagnose, "--model MODEL", MODEL_HELP, required=True)
+    most = "presses to use at most, those that differ most in place, depth and probe (default: 20)"
+    _option(diagnose, "--most-presses N", most, type=_whole(3, 10_000))
     _out(diagnose, "folder of the report and the updated model; the same command again goes on there")
     _trust(diagnose)
     _option(diagnose, "--renders DIR", "folder of pictures that several diagnoses share (default: in --out)")

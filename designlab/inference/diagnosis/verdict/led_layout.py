@@ -37,6 +37,7 @@ MOST_LEFT = 0.3  # of a channel's mean that the azimuths found may leave, noise 
 EXPLAINED = 5.0  # misfit of pictures once mirrored, below which that explains them
 CLEARER = 2.0  # factor by which the azimuths must explain them better than that
 LEAST_TURN_DEG = 2 * STEP_DEG  # that a group is off by
+NAMED_FROM = 0.5  # share of the gap of each use that the azimuths must take away to be named
 CONFIDENCE = 5 / 6  # four made sensors with turned rows, of four, were told right (rule of succession)
 USES = ("train", "select", "final")
 LOOKS_LIKE = ("mirrored", "channels", "odd", "probe", "place")  # suspicions that a wrong layout raises
@@ -88,11 +89,11 @@ def misplaced(
 
 def _corrected(model: SensorModel, found: LayoutFound) -> SensorModel:
     """Model with the groups where they are found."""
-    azimuths = {
-        f"leds.groups.{n}.azimuth_deg": list(group.azimuth_deg)
-        for n, group in enumerate(found.design.leds.groups)
-    }
-    return model.model_copy(update={"design": model.design.replace(azimuths)})
+    places: dict[str, float | list[float] | None] = {}
+    for n, group in enumerate(found.design.leds.groups):
+        places[f"leds.groups.{n}.azimuth_deg"] = list(group.azimuth_deg)
+        places[f"leds.groups.{n}.height_mm"] = group.height_mm
+    return model.model_copy(update={"design": model.design.replace(places)})
 
 
 def _missed(pictures: Sequence[CoarseShot], turn: str = "") -> float:
@@ -167,11 +168,13 @@ def layout_report(
         for place in moved
     )
     command = f"designlab calibrate {measurement.folder} --layout --model DESIGN --out calibrated"
+    gap = _levels((model, corrected), seen, source)
+    closed = all(level.removed is not None and level.removed >= NAMED_FROM for level in gap.values())
     report = GapReport(
-        verdict="named",
+        verdict="named" if closed else "partial",
         effects=(Found(NAME, values, CONFIDENCE, (NAME,), f"{SUMMARY}: {places}"),),
         where=(),
-        gap=_levels((model, corrected), seen, source),
+        gap=gap,
         next_measurement=Advice(
             f"none: run `{command}`, which fits azimuth, height and tilt, then diagnose again with "
             "calibrated/calibrated.toml"
