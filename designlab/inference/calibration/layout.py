@@ -11,6 +11,7 @@ from designlab.core.types import Array, Progress
 from designlab.inference.calibration.imaging import Rendered
 from designlab.inference.calibration.poses import posed
 from designlab.inference.calibration.result import Calibration, FittedParameter
+from designlab.inference.calibration.verdict import FitWord
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Shot, observe
 from designlab.sensor.design import CHANNELS, Design
@@ -166,12 +167,13 @@ def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
     return design.replace(changes), tuple(paths)
 
 
-def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> list[str]:
+def layout_words(found: Calibration, drawn: Design, verdict: FitWord = "good") -> list[str]:
     """Sentences about where the groups stand, by a calibration whose `layout_fields` were free.
 
-    The intervals of a fit that `failed` are those of a wrong model: it tells nothing.
+    Intervals are those of the model that was fitted: a doubtful fit tells places without them, a failed one
+    tells nothing.
     """
-    if failed:
+    if verdict == "failed":
         return [
             f"LED group {group.name}: not told where it shines from, since the fit failed"
             for group in drawn.leds.groups
@@ -183,6 +185,12 @@ def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> 
         if azimuth is None:
             continue
         value = azimuth.value % 360.0
+        if verdict == "doubtful":
+            told.append(
+                f"LED group {group.name} may shine from about {value:.0f} deg, drawn at "
+                f"{group.azimuth_deg[0]:g} deg; how sure is not told, since the fit is doubtful"
+            )
+            continue
         if azimuth.se is None or azimuth.se > TELLING_DEG:
             told.append(f"LED group {group.name}: these pictures do not tell its azimuth")
             continue
