@@ -83,7 +83,12 @@ class LayoutFound(NamedTuple):
 
 
 def search_layout(
-    measurement: Measurement, design: Design, *, seed: int = 0, progress: Progress = silent
+    measurement: Measurement,
+    design: Design,
+    *,
+    seed: int = 0,
+    closely: bool = True,
+    progress: Progress = silent,
 ) -> LayoutFound:
     """Try azimuths of all LED groups on a background and up to three presses, and heights where these fail.
 
@@ -100,6 +105,8 @@ def search_layout(
         The sensor as drawn.
     seed : int
         Seed of the light transport.
+    closely : bool
+        Whether heights and places near the best azimuths are tried as well, as a fit needs for a start.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
 
@@ -117,8 +124,10 @@ def search_layout(
     shots = [seen.shots[n] for n in seen.of("background")]
     shots += [seen.shots[n] for n in seen.of("train", "select", "final")][:MOST_PRESSES]
     turns = [(turn, 0.0) for turn in _turns(design)]
-    raised = _raised(design, turns)
-    steps = {"trying azimuths": turns, "trying heights": raised, "trying places near the best": _near()}
+    raised = _raised(design, turns) if closely else []
+    steps = {"trying azimuths": turns, "trying heights": raised}
+    if closely:
+        steps["trying places near the best"] = _near()
     work = Work(progress, {name: float(len(moves) * len(shots)) for name, moves in steps.items()})
     tried = _Tried(design, shots, seed, work)
     work.begin("trying azimuths")
@@ -135,18 +144,20 @@ def search_layout(
     for group in range(groups):
         others = np.moveaxis(misfit, group, 0)[apart != apart[best[group]]]
         worse.append(float(others.min() / misfit[best]) if len(others) else np.inf)
-    work.begin("trying places near the best")
-    near = [_near(moves[place]) for place in best]
-    fine = tried.misfits(tried.columns(near))
-    least = np.unravel_index(int(fine.argmin()), fine.shape)
-    there = [places[place] for places, place in zip(near, least, strict=True)]
+    there, left = [moves[place] for place in best], float(misfit[best])
+    if closely:
+        work.begin("trying places near the best")
+        near = [_near(move) for move in there]
+        fine = tried.misfits(tried.columns(near))
+        least = np.unravel_index(int(fine.argmin()), fine.shape)
+        there, left = [moves[place] for moves, place in zip(near, least, strict=True)], float(fine[least])
     work.end()
     found = _moved(design, there)
     places = tuple(
         GroupPlace(spec.name, float(spec.azimuth_deg[0]), group.azimuth_deg[0], ratio)
         for spec, group, ratio in zip(design.leds.groups, found.leds.groups, worse, strict=True)
     )
-    return LayoutFound(found, places, drawn / float(fine.min()), tried.rest(fine.min()))
+    return LayoutFound(found, places, drawn / left, tried.rest(left))
 
 
 def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:

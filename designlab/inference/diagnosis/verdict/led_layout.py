@@ -79,7 +79,11 @@ def misplaced(
     mirrored = min(_missed(pictures, turn) for turn in UPRIGHT if turn)
     if not _doubtful(pictures, design) or mirrored < EXPLAINED:
         return None
-    found = search_layout(measurement, design, seed=renders.seed)
+
+    def told(stage: str, done: int, total: int) -> None:
+        renders.work.tell(f"LED groups at other sides: {stage}, {100 * done // total} %")
+
+    found = search_layout(measurement, design, seed=renders.seed, closely=False, progress=told)
     turned = any(abs(place.moved_deg) >= LEAST_TURN_DEG for place in found.places)
     if not turned or found.drawn < BETTER or found.left > MOST_LEFT:
         return None
@@ -89,11 +93,11 @@ def misplaced(
 
 def _corrected(model: SensorModel, found: LayoutFound) -> SensorModel:
     """Model with the groups where they are found."""
-    places: dict[str, float | list[float] | None] = {}
-    for n, group in enumerate(found.design.leds.groups):
-        places[f"leds.groups.{n}.azimuth_deg"] = list(group.azimuth_deg)
-        places[f"leds.groups.{n}.height_mm"] = group.height_mm
-    return model.model_copy(update={"design": model.design.replace(places)})
+    azimuths = {
+        f"leds.groups.{n}.azimuth_deg": list(group.azimuth_deg)
+        for n, group in enumerate(found.design.leds.groups)
+    }
+    return model.model_copy(update={"design": model.design.replace(azimuths)})
 
 
 def _missed(pictures: Sequence[CoarseShot], turn: str = "") -> float:
