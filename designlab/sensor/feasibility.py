@@ -254,18 +254,17 @@ def tangents(design: Parts, points: Array) -> Array:
 
 
 def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
-    """Corners of the sensing area as the camera sees them, counter-clockwise, in mm at its apparent distance.
+    """Outline of the sensing area as the camera sees it, counter-clockwise, in mm at its apparent distance.
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
     """
     _, y_c, z_c = design.camera.eye_mm
-    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
+    outline = design.sensing_area.outline_mm()
+    base = np.nan_to_num(elastomer.base_mm(design.elastomer, outline[:, 0], outline[:, 1]))
     window_mm = _window_mm(design) + max(design.gelcore.window_slope * y_c, 0.0)
     lifted_mm = max(z_c, window_mm + 0.01, float(base.max()) + 0.01)
     distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
-    tangents = design.tangents_to(np.column_stack([corners, base]), camera_mm=lifted_mm)
+    tangents = design.tangents_to(np.column_stack([outline, base]), camera_mm=lifted_mm)
     return tangents * distance_mm, distance_mm
 
 
@@ -356,8 +355,7 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
 def _camera_margins(design: Parts) -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
     x_c, y_c, z_c = camera.eye_mm
-    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
+    outline = design.sensing_area.outline_mm()
     seen, distance_mm = _sensing_area_seen(design)
     through = -math.inf
     if design.optics.light_path == "core":
@@ -381,7 +379,7 @@ def _camera_margins(design: Parts) -> dict[str, float]:
         at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
         hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
-        "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
+        "sensing_area_on_membrane": _beyond(outline, elastomer.polygon(design.elastomer)),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) + max(core.window_slope * y_c, 0.0) - z_c,
         "camera_clears_plate": -math.inf
