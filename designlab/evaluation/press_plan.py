@@ -14,7 +14,7 @@ from designlab.sensor.contact import KernelContact
 from designlab.sensor.design import Design, InfeasibleDesign
 from designlab.sensor.field_errors import explain
 from designlab.sensor.sensing_area import SensingArea, Shape
-from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.press import Direction, Press
 from geometries.probes import parse, profile_mm
 from geometries.spec import Spec, quantity
 
@@ -53,6 +53,8 @@ class PressPlan(Spec):
         Width and height in mm of the area around the origin in which presses are made.
     area_shape : {"rectangle", "ellipse"}
         Shape of that area; width and height are the full axes of an ellipse.
+    direction : {"axis", "normal"}
+        Whether probes are pressed along the sensor's axis or along the normal of each membrane.
     force_n : float, optional
         Force of the strongest calibration press in N, for elastic gels; the others have shares of it.
     depth_mm : float, optional
@@ -69,6 +71,8 @@ class PressPlan(Spec):
     """Width and height of the area in which presses are made, centred on the membrane (mm)."""
     area_shape: Shape = "rectangle"
     """Shape of that area; width and height are the full axes of an ellipse."""
+    direction: Direction = "axis"
+    """Whether probes are pressed along the sensor's axis or along the normal of each membrane."""
     force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
     """Force of the strongest calibration press, for elastic gels; every second one has 0.6 of it, test
     presses have 0.7."""
@@ -93,20 +97,27 @@ class PressPlan(Spec):
 
     @model_serializer(mode="wrap")
     def _as_on_record(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What is stated; plans on record do not state that their area is a rectangle."""
+        """What is stated; plans on record state neither a rectangle nor a direction."""
         content: dict[str, Any] = written(self)
-        return {
-            name: value for name, value in content.items() if (name, value) != ("area_shape", "rectangle")
-        }
+        usual = {"area_shape": "rectangle", "direction": "axis"}
+        return {name: value for name, value in content.items() if usual.get(name) != value}
 
     @classmethod
-    def of(cls, *designs: Design, depth_mm: float | None = None, force_n: float | None = None) -> Self:
+    def of(
+        cls,
+        *designs: Design,
+        direction: Direction = "axis",
+        depth_mm: float | None = None,
+        force_n: float | None = None,
+    ) -> Self:
         """Plan the presses that some designs share.
 
         Parameters
         ----------
         *designs : Design
             What is compared; presses lie within the sensing area of each.
+        direction : {"axis", "normal"}
+            Along which probes are pressed.
         depth_mm : float, optional
             Depth of the deepest press in mm; 0.8 mm when absent, less where probes are smaller than usual.
         force_n : float, optional
@@ -121,7 +132,9 @@ class PressPlan(Spec):
         # The ellipse lies in every rectangle that is no smaller, not the other way round.
         round_one = any(d.sensing_area_shape == "ellipse" for d in designs)
         shape: Shape = "ellipse" if round_one else "rectangle"
-        return cls.on((width, height), area_shape=shape, depth_mm=depth_mm, force_n=force_n)
+        return cls.on(
+            (width, height), area_shape=shape, direction=direction, depth_mm=depth_mm, force_n=force_n
+        )
 
     @classmethod
     def on(
@@ -129,14 +142,17 @@ class PressPlan(Spec):
         area_mm: tuple[float, float],
         *,
         area_shape: Shape = "rectangle",
+        direction: Direction = "axis",
         depth_mm: float | None = None,
         force_n: float | None = None,
     ) -> Self:
-        """Plan presses in an area; depth, force and errors as in `of`."""
+        """Plan presses in an area; direction, depth, force and errors as in `of`."""
         strength = {"depth_mm": depth_mm, "force_n": force_n}
         stated = {name: value for name, value in strength.items() if value is not None}
         try:
-            return cls.model_validate({"area_mm": area_mm, "area_shape": area_shape, **stated})
+            return cls.model_validate(
+                {"area_mm": area_mm, "area_shape": area_shape, "direction": direction, **stated}
+            )
         except ValidationError as error:
             raise ValueError(f"presses: {explain(error)}") from None
 
@@ -199,6 +215,7 @@ class PressPlan(Spec):
             depth_mm=None if by_force else share * self.strength,
             force_n=share * self.strength if by_force else None,
             centre_mm=centre_mm,
+            direction=self.direction,
             yaw_deg=yaw_deg,
         )
 
@@ -240,10 +257,10 @@ class PressPlan(Spec):
         """Say the presses in words."""
         unit = "N" if self.depth_mm is None else "mm deep"
         balls = " and ".join(f"{share * self.strength:.3g}" for share in BALL_SHARES)
+        along = "" if self.direction == "axis" else ", along the normal"
         size = "" if self.scale == 1 else f", probes at {100 * self.scale:.3g} % of their full size"
-        return (
-            f"balls {balls} {unit}, test probes {TEST_SHARE * self.strength:.3g} {unit}, on {self.area}{size}"
-        )
+        tests = f"{TEST_SHARE * self.strength:.3g} {unit}"
+        return f"balls {balls} {unit}, test probes {tests}, on {self.area}{along}{size}"
 
 
 def _usual_depth_mm(given: Mapping[str, Any]) -> float | None:

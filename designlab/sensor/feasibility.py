@@ -43,7 +43,8 @@ RULES: dict[str, str] = {
     "cavity_in_core": f"around a hollow the gelcore is at least {MINIMUM_WALL_MM} mm thick",
     "dome_radius": "elastomer.radius_mm of a dome is at least half of elastomer.width_mm",
     "dome_core": "gelcore and elastomer of a dome are concentric spheres",
-    "sensing_area_on_membrane": "the sensing area lies on the membrane",
+    "sensing_area_on_membrane": "the sensing area lies on the membrane, where that is at most "
+    f"{elastomer.STEEPEST_DEG:g} deg steep",
     "camera_sees_membrane": "the sensing area lies inside the camera's field of view",
     "camera_above_core": "the camera stands above the gelcore",
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
@@ -339,6 +340,17 @@ def _beyond(points: Array, polygon: Array) -> float:
     return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3
 
 
+def _too_far_down(gel: Elastomer, outline: Array) -> float:
+    """How far an outline reaches down the flank of a dome to where heights over (x, y) tell no shape.
+
+    1 um is forgiven.
+    """
+    if gel.radius_mm is None:
+        return -math.inf
+    steepest_mm = gel.radius_mm * math.sin(math.radians(elastomer.STEEPEST_DEG))
+    return float(np.linalg.norm(outline, axis=1).max()) - steepest_mm - 1e-3
+
+
 def _beyond_picture(camera: Camera, tangents: Array) -> float:
     """How far a polygon of directions (n, 2) reaches out of the picture, in focal lengths.
 
@@ -379,7 +391,9 @@ def _camera_margins(design: Parts) -> dict[str, float]:
         at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
         hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
-        "sensing_area_on_membrane": _beyond(outline, elastomer.polygon(design.elastomer)),
+        "sensing_area_on_membrane": max(
+            _beyond(outline, elastomer.polygon(design.elastomer)), _too_far_down(design.elastomer, outline)
+        ),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) + max(core.window_slope * y_c, 0.0) - z_c,
         "camera_clears_plate": -math.inf

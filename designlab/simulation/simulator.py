@@ -129,8 +129,11 @@ class Frame:
 
     @cached_property
     def share_touching(self) -> float | None:
-        """Share of what of the probe lies over the picture that touches; None where nothing does."""
-        if self.press is None:
+        """Share of what of the probe lies over the picture that touches; None where nothing does.
+
+        It is told of presses along the axis alone.
+        """
+        if self.press is None or self.press.direction == "normal":
             return None
         over = np.isfinite(above_mm(self.press, np.zeros_like(self.height_mm), *self.seen_mm))
         return float(self.contact[over].mean()) if over.any() else None

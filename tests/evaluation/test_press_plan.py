@@ -174,3 +174,13 @@ def test_a_plan_of_a_rectangle_is_refused_on_an_ellipse_with_both_sizes():
     said = "press_area: .* presses take 16 x 12 mm, the sensing area is ellipse of 16 x 12 mm"
     with pytest.raises(InfeasibleDesign, match=said):
         PLAN.require_possible(ellipse)
+
+
+def test_a_plan_says_along_what_it_presses_and_plans_on_record_stay_as_they_are():
+    assert "direction" not in PLAN.to_json()
+    plan = PressPlan.of(FLAT, direction="normal")
+    assert {press.direction for kind in plan.presses(rounds=1, seed=0) for press in kind} == {"normal"}
+    assert PressPlan.model_validate(plan.to_json()) == plan
+    assert plan.text() == f"{PLAN.text()}, along the normal"
+    with pytest.raises(ValueError, match="presses: field direction: Input should be 'axis' or 'normal'"):
+        PressPlan.of(FLAT, direction="z")

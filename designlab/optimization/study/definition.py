@@ -247,7 +247,13 @@ class Study(Spec):
             If depth or force is out of its bounds, or both are given.
         """
         own = self.presses
-        presses = PressPlan.on(own.area_mm, area_shape=own.area_shape, depth_mm=depth_mm, force_n=force_n)
+        presses = PressPlan.on(
+            own.area_mm,
+            area_shape=own.area_shape,
+            direction=own.direction,
+            depth_mm=depth_mm,
+            force_n=force_n,
+        )
         return self.model_copy(update={"presses": presses})
 
     def active(self, variant: str | None) -> tuple[str, ...]:
