@@ -19,6 +19,7 @@ from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.contact import Contact, ContactModelAssumed, LayerContact, with_model
+from designlab.sensor.core_rules import require_agreement
 from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.field_errors import entries, explain, shown
@@ -214,38 +215,7 @@ class Design(Spec):
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
                 "light in air meets no core"
             )
-        finish = self.gelcore.led_side_finish
-        if finish is not None and self.leds.coupling == "embedded":
-            raise ValueError(
-                f"gelcore.led_side_finish: no side lets light in where LEDs are embedded, got {finish!r}; "
-                "give gelcore.side_finish, which holds for all"
-            )
-        if finish == "painted" and self.leds.coupling == "air_gap":
-            raise ValueError(
-                "gelcore.led_side_finish: 'painted' keeps the light of LEDs behind an air gap out; glue them "
-                "on (leds.coupling = 'bonded') or give another finish"
-            )
-        if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
-            raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
-        if self.gelcore.cavity is not None and any(self.optics.housing_reflectance):
-            raise ValueError(
-                "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
-                "plane windows only"
-            )
-        if self.gelcore.wedge_deg is not None:
-            for name, value in (
-                ("optics.gelcore_scattering_per_mm", self.optics.gelcore_scattering_per_mm),
-                ("optics.housing_reflectance", max(self.optics.housing_reflectance)),
-            ):
-                if value:
-                    raise ValueError(
-                        f"gelcore.wedge_deg: {name} is simulated under level windows only, got {value:g}; "
-                        "give 0"
-                    )
-            if self.elastomer.shape == "dome":
-                raise ValueError("gelcore.wedge_deg: a wedge carries a flat or freeform gel, got a dome")
-        if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
-            raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
+        require_agreement(self.gelcore, self.elastomer, self.leds, self.optics)
         return self
 
     def _require_spectra(self) -> None:
