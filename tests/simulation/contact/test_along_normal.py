@@ -70,7 +70,9 @@ def test_a_ball_along_the_normal_meets_the_dome_in_the_lens_of_two_spheres(
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize("contact", [SMOOTH, ELASTIC], ids=["kernel", "layer"])
+@pytest.mark.parametrize(
+    "contact", [SMOOTH, pytest.param(ELASTIC, marks=pytest.mark.slow)], ids=["kernel", "layer"]
+)
 @pytest.mark.parametrize("probe", ["sphere:4", "cylinder:3", "triangle:4"])
 def test_the_imprint_is_that_of_the_apex_turned(contact, probe):
     apex = pressed(probe, contact=contact, depth_mm=0.3, yaw_deg=20.0)
@@ -111,6 +113,7 @@ def test_turned_about_the_axis_the_imprint_turns_along():
     np.testing.assert_allclose(np.nan_to_num(np.rot90(first.z_mm)), np.nan_to_num(other.z_mm), atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_n", [0.2, 0.5, 1.0])
 def test_a_force_along_the_normal_is_met_and_skin_moves_towards_the_axis(force_n):
     at_side = pressed("sphere:4", contact=ELASTIC, force_n=force_n, centre_mm=(6.0, 0.0), direction="normal")
