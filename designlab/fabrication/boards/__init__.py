@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from designlab.fabrication.boards import circuit, layout, planes
-from designlab.fabrication.boards.circuit import SUPPLY_V, BoardError, Channel
+from designlab.fabrication.boards.circuit import SUPPLY_V, BoardError, Channel, NoPartError
 from designlab.fabrication.boards.layout import SEAT_MM, Board, Room
 from designlab.fabrication.boards.stock import LAND_PATTERNS
 from designlab.sensor.design import Design
 
-__all__ = ["SUPPLY_V", "Board", "BoardError", "Boards", "boards"]
+__all__ = ["SUPPLY_V", "Board", "BoardError", "Boards", "NoPartError", "boards"]
 
 
 class Boards(NamedTuple):

@@ -27,6 +27,10 @@ class BoardError(ValueError):
     """A board that cannot be made; the text names part, value and rule."""
 
 
+class NoPartError(BoardError):
+    """No part is named and none of the catalogue stands in."""
+
+
 class Resistor(NamedTuple):
     """A series resistor: value, size, and the load it carries."""
 
@@ -177,10 +181,11 @@ def _channel(
     each = group.flux_mw / (group.count * len(group.azimuth_deg) * per_package)
     at_sheet = flux_mw(part, chip)
     from_flux, note = False, ""
-    if array.relative_flux:
-        note = "fluxes are relative, so no current follows from them: the part's own current is used"
-    elif named is None:
+    if named is None:
         note = f"the design names no LED part: made for {name} at the current of its data sheet"
+        note += ", whatever its flux" if not array.relative_flux else "; its fluxes are relative"
+    elif array.relative_flux:
+        note = f"fluxes are relative, so no current follows from them: that of the sheet of {name} is used"
     elif at_sheet is None:
         note = f"no flux of {name} is known, so no current follows: that of its data sheet is used"
     else:
@@ -211,7 +216,7 @@ def stand_ins(array: LedArray) -> list[str]:
 
     Raises
     ------
-    BoardError
+    NoPartError
         If there is none.
     """
     width, height = front_limit_mm(array)
@@ -226,7 +231,7 @@ def stand_ins(array: LedArray) -> list[str]:
         and all(_match(part, group) is not None for group in array.groups)
     }
     if not fitting:
-        raise BoardError(
+        raise NoPartError(
             f"leds.part: none is named, and no part of the catalogue has a land pattern, a front within "
             f"{width:g} x {height:g} mm and the colours of the groups; name one"
         )

@@ -6,16 +6,21 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from designlab.core.backend import installed_version
-from designlab.fabrication.boards.layout import Board, Component, Pad
-from designlab.fabrication.boards.stock import TRACK_MM, VIA_DRILL_MM, VIA_MM
+from shapely.geometry import Point
 
+from designlab.core.backend import installed_version
+from designlab.fabrication.boards.layout import SUPPLY_NET, Board, Component, Pad
+from designlab.fabrication.boards.stock import EDGE_MM, TRACK_MM, VIA_DRILL_MM, VIA_MM
+
+Line = tuple[tuple[float, float], tuple[float, float]]
 MASK_MM = 0.05
 """By which the mask's opening is larger than its pad, on each side."""
 LINE_MM = 0.1
 """Width of the outline's and the legend's lines."""
 MARK_MM = 0.15
 """Of the polarity mark: its width, and its distance from body and pads."""
+PLUS_MM = 0.6
+"""Size of the mark beside the supply's pad."""
 LAYERS = {
     "F_Cu.gtl": ("Copper,L1,Top", "Positive"),
     "B_Cu.gbl": ("Copper,L2,Bot", "Positive"),
@@ -32,7 +37,7 @@ DRILLS = {"PTH.drl": True, "NPTH.drl": False}
 """Drill files by the end of their name: whether their holes are plated."""
 
 
-def polarity_mark(component: Component) -> tuple[tuple[float, float], tuple[float, float]]:
+def polarity_mark(component: Component) -> Line:
     """Line beside an LED's cathode, outside body and pads: its two ends (mm)."""
     cathode = next(pad for pad in component.pads if pad.name == component.cathode)
     c, s = math.cos(math.radians(component.turn_deg)), math.sin(math.radians(component.turn_deg))
@@ -52,6 +57,26 @@ def polarity_mark(component: Component) -> tuple[tuple[float, float], tuple[floa
         (component.x + c * x - s * y, component.y + s * x + c * y) for x, y in ends
     )
     return first, second
+
+
+def plus_mark(board: Board) -> tuple[Line, Line] | None:
+    """Two crossed lines on the back beside the supply's pad; None where nothing is free there."""
+    pads = [pad for pad in board.pads if 1 in pad.layers]
+    supply = [p for c in board.components if c.kind in ("connector", "wire") for p in c.pads]
+    supply = [pad for pad in supply if pad.net == SUPPLY_NET and pad in pads]
+    covered = [pad.shape for pad in pads] + [via.shape for via in board.vias]
+    covered += [Point(x, y).buffer(d / 2) for x, y, d in board.holes]
+    inner = board.outline.buffer(-EDGE_MM)
+    for pad in supply:
+        for distance in (1.0, 1.2, 1.5):
+            for step in range(16):
+                angle = math.radians(pad.turn_deg) + math.tau * step / 16
+                x, y = pad.x + distance * math.cos(angle), pad.y + distance * math.sin(angle)
+                spot = Point(x, y).buffer(PLUS_MM / 2 + MARK_MM)
+                if inner.contains(spot) and not any(spot.intersects(shape) for shape in covered):
+                    half = PLUS_MM / 2
+                    return ((x - half, y), (x + half, y)), ((x, y - half), (x, y + half))
+    return None
 
 
 def write_gerbers(board: Board, path: Path, *, project: str) -> None:
@@ -96,8 +121,8 @@ def _layer(board: Board, end: str, project: str) -> bytes:
             if side in pad.layers
         ]
     elif "_Silk" in end:
-        marked = [c for c in board.components if c.kind == "led"] if side == 0 else []
-        objects = list(_lines([polarity_mark(c) for c in marked], MARK_MM))
+        cathodes = [polarity_mark(c) for c in board.components if c.kind == "led"]
+        objects = _lines(cathodes if side == 0 else plus_mark(board) or (), MARK_MM)
     else:
         rings = [board.outline.exterior, *board.outline.interiors]
         edges = [list(ring.coords) for ring in rings]
@@ -136,10 +161,10 @@ def _flash(pad: Pad, wider_mm: float) -> Any:
 
 def _lines(pairs: Iterable[Any], width_mm: float) -> list[Any]:
     from gerbonara.apertures import CircleAperture
-    from gerbonara.graphic_objects import Line
+    from gerbonara.graphic_objects import Line as Stroke
 
     pen = CircleAperture(width_mm, unit=_mm())
-    return [Line(*start, *end, aperture=pen, unit=_mm()) for start, end in pairs]
+    return [Stroke(*start, *end, aperture=pen, unit=_mm()) for start, end in pairs]
 
 
 def _drills(board: Board, *, plated: bool) -> bytes:

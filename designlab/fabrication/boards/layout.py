@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import shapely
 from shapely import affinity
 from shapely.geometry import Point, Polygon, box
@@ -28,6 +29,7 @@ from designlab.fabrication.boards.stock import (
 )
 
 Side = Literal["top", "bottom"]
+Spot = tuple[float, float, float]
 SUPPLY_NET = "V+"
 APART_MM = 0.35
 """Between components: room for one track."""
@@ -40,7 +42,7 @@ TALLEST_TAIL_MM = 25.0
 SEAT_MM = 0.2
 """Between a board and the housing's inner wall."""
 MOST_HOLES = 3
-RIM_MM = 1.3
+RIM_MM = 1.0
 """Kept beside a hole of a ring for the tracks that pass it."""
 SIDES: tuple[Side, Side] = ("top", "bottom")
 
@@ -285,6 +287,17 @@ class _Floor:
         )
 
 
+    def open_spots(self, spots: Sequence[Spot], land: LandPattern, sides: Sequence[Side]) -> list[Spot]:
+        """Spots where the middle of a part is not too near to anything: a quick sieve before `free`."""
+        x, y = (np.array([spot[k] for spot in spots]) for k in (0, 1))
+        bounds = extent(land, 0.0, 0.0, 0.0).bounds
+        half = 0.99 * min(bounds[2], bounds[3])
+        good = shapely.contains_xy(self.inner.buffer(-half), x, y)
+        for side in sides:
+            good &= ~shapely.contains_xy(shapely.union_all(self.taken[side]).buffer(half), x, y)
+        return [spot for spot, kept in zip(spots, good, strict=True) if kept]
+
+
 class _Full(Exception):
     """A part found no place."""
 
@@ -402,7 +415,7 @@ def _filled(
     )
 
 
-def _spots(outline: Polygon, *, polar: bool) -> Iterator[tuple[float, float, float]]:
+def _spots(outline: Polygon, *, polar: bool) -> Iterator[Spot]:
     """Places to try (mm), with the direction that lies along the board there (deg)."""
     low_x, low_y, high_x, high_y = outline.bounds
     if not polar:
@@ -465,7 +478,7 @@ def _connector(
     row = HEADER.row(len(nets))
     numbered = {str(k + 1): net for k, net in enumerate(nets)}
     if header:
-        for x, y, along in spots:
+        for x, y, along in floor.open_spots(spots, row, SIDES):
             for turn in (along, along + 90.0):
                 shape = extent(row, x, y, turn)
                 if floor.free(shape, SIDES):
@@ -481,7 +494,7 @@ def _connector(
         place = next(
             (
                 (x, y, turn)
-                for x, y, along in spots
+                for x, y, along in floor.open_spots(spots, WIRE_PAD, (side,))
                 for turn in (along, along + 90.0)
                 if floor.free(extent(WIRE_PAD, x, y, turn), (side,))
             ),
@@ -508,7 +521,7 @@ def _resistor(
         top = led.extent.bounds[3]  # above its LED, in line with it
         above = (spot for spot in _spots(outline, polar=False) if spot[1] > top)
         spots = sorted(above, key=lambda s: (math.hypot(2 * (s[0] - led.x), s[1] - top), s))
-    for x, y, along in spots:
+    for x, y, along in floor.open_spots(spots, land, (side,)):
         for turn in (along, along + 90.0) if polar else (along + 90.0, along):
             shape = extent(land, x, y, turn)
             if not floor.free(shape, (side,)):

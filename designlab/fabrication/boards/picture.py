@@ -1,14 +1,15 @@
 """Picture of a board: both sides with copper, parts, polarity marks and designators."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shapely import affinity
-from shapely.geometry import Polygon, box
+from shapely.geometry import LineString, Point, Polygon, box
+from shapely.ops import nearest_points
 
-from designlab.fabrication.boards.circuit import Channel
-from designlab.fabrication.boards.gerber import polarity_mark
+from designlab.fabrication.boards.gerber import MARK_MM, plus_mark, polarity_mark
 from designlab.fabrication.boards.layout import Board, Component
 from designlab.fabrication.boards.stock import VIA_DRILL_MM
 
@@ -16,14 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BOARD, TRACKS, PADS, BODY, INK = "#1d1f22", "#4a5058", "#d9b45b", "#8d949c", "#20242a"
-LETTER_MM = 0.62
+LETTER_MM = 0.5
 """Height of designators, on the board's scale."""
 Colour = tuple[float, float, float]
 
 
-def write_picture(
-    board: Board, path: Path, *, channels: Sequence[Channel], colours: Sequence[Colour], title: str
-) -> None:
+def write_picture(board: Board, path: Path, *, colours: Sequence[Colour], title: str) -> None:
     """Write both sides of a board as a PNG; the back is seen from behind.
 
     Parameters
@@ -32,8 +31,6 @@ def write_picture(
         The board.
     path : Path
         File to write.
-    channels : sequence of Channel
-        Drive of each group.
     colours : sequence of (float, float, float)
         Colour of each group (sRGB, 0..1).
     title : str
@@ -45,7 +42,7 @@ def write_picture(
     width, height = board.size_mm
     beside = width <= 1.6 * height
     scale = min(0.42, 7.0 / max(width, height))  # inches a millimetre
-    room = 2.4  # mm around the board, for designators
+    room = 1.4  # mm around the board, for designators
     each = ((width + 2 * room) * scale, (height + 2 * room) * scale)
     size = (2 * each[0], each[1] + 1.1) if beside else (each[0], 2 * each[1] + 1.4)
     size = (max(size[0], 6.5), size[1])
@@ -55,7 +52,7 @@ def write_picture(
     for layer, axis in enumerate(axes):
         _side(axis, board, layer, colours, room, points=72.0 * scale * LETTER_MM)
     figure.suptitle(title, fontsize=9, color=INK)
-    note = f"pads {', '.join(board.pins)} in order; white bar: cathode; all in mm"
+    note = "white bar: cathode; plus: supply; all in mm"
     figure.supxlabel(note, fontsize=7, color=INK)
     figure.savefig(path, dpi=200, metadata={"Software": None})
 
@@ -89,7 +86,22 @@ def _side(
             _led(axis, component, colours)
         elif component.kind == "resistor":
             _fill(axis, seen(component.body), BODY, 4, alpha=0.75)
-    _labels(axis, [(c, seen(c.body)) for c in parts], [*pads, seen(board.outline.boundary)], points, board)
+    covered = [*pads, seen(board.outline.boundary)]
+    covered += [seen(Point(x, y).buffer(diameter / 2)) for x, y, diameter in board.holes]
+    if layer == 0:
+        covered += [LineString(polarity_mark(led)).buffer(MARK_MM) for led in parts if led.kind == "led"]
+    elif (plus := plus_mark(board)) is not None:
+        for line in plus:
+            x, y = seen(LineString(line)).xy
+            axis.plot(x, y, color="white", linewidth=1.2, zorder=6)
+            covered.append(seen(LineString(line)).buffer(MARK_MM))
+    wanted = [(c.designator, seen(c.body)) for c in parts if c.kind in ("led", "resistor")]
+    for part in board.components:
+        if part.kind == "connector" and part.side == side:
+            wanted.append((part.designator, seen(part.body)))
+        if part.kind in ("connector", "wire") and (part.side == side or part.kind == "connector"):
+            wanted += [(pad.net, seen(pad.shape)) for pad in part.pads]
+    _labels(axis, wanted, covered, seen(board.outline), points)
     low_x, low_y, high_x, high_y = seen(board.outline).bounds
     axis.set_xlim(low_x - room, high_x + room)
     axis.set_ylim(low_y - room, high_y + room)
@@ -109,48 +121,26 @@ def _led(axis: "Axes", led: Component, colours: Sequence[Colour]) -> None:
 
 
 def _labels(
-    axis: "Axes",
-    parts: Sequence[tuple[Component, Polygon]],
-    solid: Sequence[Any],
-    points: float,
-    board: Board,
+    axis: "Axes", wanted: Sequence[tuple[str, Polygon]], covered: Sequence[Any], outline: Any, points: float
 ) -> None:
-    """Write designators where they cover nothing, with a line to their part."""
-    taken = [body for _, body in parts]
-    taken += list(solid)
-    for component, body in parts:
-        names = [(component.designator, body)]
-        if component.kind in ("connector", "wire"):
-            names = [(f"{component.designator}: {', '.join(pad.net for pad in component.pads)}", body)]
-        for text, shape in names:
-            x, y = shape.centroid.x, shape.centroid.y
-            half = 0.34 * LETTER_MM * len(text), 0.55 * LETTER_MM
-            spot = _free_spot(x, y, half, taken)
-            taken.append(box(spot[0] - half[0], spot[1] - half[1], spot[0] + half[0], spot[1] + half[1]))
-            inside = board.outline.contains(taken[-1]) or (
-                affinity.scale(board.outline, -1.0, 1.0, origin=(0, 0)).contains(taken[-1])
-            )
-            colour = "white" if inside else INK
-            axis.plot([x, spot[0]], [y, spot[1]], color="#9aa3ad", linewidth=0.5, zorder=7)
-            axis.text(
-                *spot,
-                text,
-                fontsize=points,
-                color=colour,
-                ha="center",
-                va="center",
-                zorder=9,
-                bbox={"facecolor": BOARD if inside else "white", "edgecolor": "none", "pad": 0.3},
-            )
+    """Write texts beside their shapes where they cover nothing, with a line between."""
+    taken = [*covered, *(shape for _, shape in wanted)]
+    for text, shape in wanted:
+        half = 0.36 * LETTER_MM * len(text) + 0.1, 0.6 * LETTER_MM
+        x, y = _free_spot(shape.centroid.x, shape.centroid.y, half, taken)
+        place = box(x - half[0], y - half[1], x + half[0], y + half[1])
+        taken.append(place)
+        inside = outline.contains(place)
+        start, end = nearest_points(shape, place)
+        axis.plot([start.x, end.x], [start.y, end.y], color="#9aa3ad", linewidth=0.5, zorder=7)
+        axis.text(x, y, text, fontsize=points, color="white" if inside else INK, ha="center", va="center", zorder=9)
 
 
 def _free_spot(
     x: float, y: float, half: tuple[float, float], taken: Sequence[Any]
 ) -> tuple[float, float]:
     """Nearest place for a text that covers nothing, out to where there is nothing."""
-    import math
-
-    for ring in range(4, 120):
+    for ring in range(2, 120):
         radius = 0.2 * ring
         for step in range(24):
             angle = math.tau * step / 24 + math.pi / 2

@@ -141,14 +141,15 @@ class _Maze:
 
         pads = [self._cells(land) for land in self.lands if land.net == net]
         joined, waiting = list(pads[0]), pads[1:]
-        own = self.taken[net]
-        blocked = (self.count - own) > 0
+        blocked = (self.count - self.taken[net]) > 0
+        costs = np.ones((3, *self.room[0].shape))
+        costs[0][blocked[0] | ~self.room[0]] = BLOCKED
+        costs[2][blocked[1] | ~self.room[0]] = BLOCKED
+        drilled = -1
         while waiting:
-            costs = np.ones((3, *self.room[0].shape))
-            costs[0][blocked[0] | ~self.room[0]] = BLOCKED
-            costs[2][blocked[1] | ~self.room[0]] = BLOCKED
-            costs[1] = np.where(blocked[2] | blocked[3] | ~self.room[1], BLOCKED, VIA_COST)
-            maze = MCP_Geometric(costs, offsets=_STEPS)
+            if drilled != len(self.vias):  # its own vias keep apart too
+                costs[1] = np.where(blocked[2] | blocked[3] | ~self.room[1], BLOCKED, VIA_COST)
+                maze, drilled = MCP_Geometric(costs, offsets=_STEPS), len(self.vias)
             ends = [cell for cells in waiting for cell in cells]
             found, _ = maze.find_costs(joined, ends, find_all_ends=False)
             reached = min(ends, key=lambda cell: found[cell])
