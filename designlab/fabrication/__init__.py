@@ -207,6 +207,7 @@ def _write(
     if allow_infeasible:
         note = "accepted: allow_infeasible"
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
+    _require_boards_apart(overlaps)
     checks += overlaps
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
@@ -250,6 +251,18 @@ def _write(
     _write_json(manifest, folder / MANIFEST)
     progress("done", steps, steps)
     return manifest
+
+
+def _require_boards_apart(overlaps: Sequence[FileCheck]) -> None:
+    """Refuse a board that reaches into another part: the design's LEDs leave it no room."""
+    for check in overlaps:
+        board, _, other = check.part.partition("/")
+        if not check.ok and board.startswith("board_"):
+            raise BoardError(
+                f"{board}: reaches {check.value:.3g} {check.unit} into {other}, at most {check.bound:g} "
+                f"{check.unit} may be; move its LEDs (leds.radius_mm, leds.height_mm), or --no-boards for all "
+                "but the LED boards"
+            )
 
 
 def _write_part(

@@ -153,9 +153,7 @@ def front_limit_mm(array: LedArray) -> tuple[float, float]:
     return array.emitting_width_mm, min(high - low for low, high in array.emitting_spans_mm)
 
 
-def _channel(
-    design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None
-) -> Channel:
+def _channel(design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None) -> Channel:
     array, group = design.leds, design.leds.groups[index]
     named = group.part or array.part
     name = named or stand_in or stand_ins(array)[0]

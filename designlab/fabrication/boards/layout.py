@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import shapely
 from shapely import affinity
-from shapely.geometry import Point, Polygon, box
+from shapely.geometry import LineString, Point, Polygon, box
 
 from designlab.fabrication.boards.circuit import BoardError, Channel
 from designlab.fabrication.boards.planes import Blank, Place
@@ -30,11 +30,14 @@ from designlab.fabrication.boards.stock import (
 
 Side = Literal["top", "bottom"]
 Spot = tuple[float, float, float]
+Line = tuple[tuple[float, float], tuple[float, float]]
 SUPPLY_NET = "V+"
 APART_MM = 0.35
 """Between components: room for one track."""
 BESIDE_MM = 0.8
 """From the LEDs to the edge of a strip: one track passes them."""
+MARK_MM = 0.15
+"""Of the polarity mark: its width, and half its distance from body and pads."""
 HEAD_MM = 3.0
 """Diameter kept free around a mounting hole for the screw's head."""
 STEP_MM = 0.2
@@ -100,6 +103,22 @@ class Component(NamedTuple):
     def extent(self) -> Polygon:
         """Smallest rectangle, turned as the part is, around body and pads."""
         return extent(self.land, self.x, self.y, self.turn_deg)
+
+    @property
+    def mark(self) -> Line:
+        """Polarity mark of an LED: a line beside its cathode, outside body and pads; its two ends (mm)."""
+        _, _, cathode_width, cathode_height = self.land.pads[self.cathode]
+        along, up = self.land.pads[self.cathode][:2]
+        bounds = extent(self.land, 0.0, 0.0, 0.0).bounds
+        if abs(along) / bounds[2] >= abs(up) / bounds[3]:
+            x = math.copysign(bounds[2] + 2 * MARK_MM, along)
+            ends = ((x, up - cathode_height / 2), (x, up + cathode_height / 2))
+        else:
+            y = math.copysign(bounds[3] + 2 * MARK_MM, up)
+            ends = ((along - cathode_width / 2, y), (along + cathode_width / 2, y))
+        c, s = math.cos(math.radians(self.turn_deg)), math.sin(math.radians(self.turn_deg))
+        first, second = ((self.x + c * x - s * y, self.y + s * x + c * y) for x, y in ends)
+        return first, second
 
 
 class Board(NamedTuple):
@@ -240,9 +259,7 @@ def extent(land: LandPattern, x: float, y: float, turn: float) -> Polygon:
     """Smallest rectangle, turned as the part is, around body and pads of a part at its place."""
     width = max([land.body_mm[0] / 2, *(abs(px) + w / 2 for px, _, w, _ in land.pads.values())])
     height = max([land.body_mm[1] / 2, *(abs(py) + h / 2 for _, py, _, h in land.pads.values())])
-    return affinity.translate(
-        affinity.rotate(box(-width, -height, width, height), turn, origin=(0, 0)), x, y
-    )
+    return affinity.translate(affinity.rotate(box(-width, -height, width, height), turn, origin=(0, 0)), x, y)
 
 
 def _require_apart(blank: Blank, leds: Sequence[Component]) -> None:
@@ -271,6 +288,7 @@ class _Floor:
         self.taken: dict[Side, list[Any]] = {side: [] for side in SIDES}
         for led in leds:
             self.take(led.extent, ("top",))
+            self.taken["top"].append(LineString(led.mark).buffer(MARK_MM))
         low, high = outline.bounds[1], outline.bounds[3]
         for fold in folds:
             self.take(box(fold - 0.1, low, fold + 0.1, high), SIDES)
@@ -285,7 +303,6 @@ class _Floor:
         return bool(self.inner.contains(shape)) and not any(
             other.intersects(shape) for side in sides for other in self.taken[side]
         )
-
 
     def open_spots(self, spots: Sequence[Spot], land: LandPattern, sides: Sequence[Side]) -> list[Spot]:
         """Spots where the middle of a part is not too near to anything: a quick sieve before `free`."""
@@ -397,9 +414,7 @@ def _filled(
     if not connector:
         connector = _connector(blank, outline, floor, nets, behind, header=drilled)
     components = [*leds, *resistors, *connector]
-    lands = [
-        Land(pad.shape, pad.net, pad.layers) for component in components for pad in component.pads
-    ]
+    lands = [Land(pad.shape, pad.net, pad.layers) for component in components for pad in component.pads]
     tracks, vias = route(outline, holes, lands)
     notes = [] if holes else ["no mounting holes: no room for one, or a flexible board; glue it"]
     return Board(
@@ -470,9 +485,7 @@ def _connector(
     """Pin header if wanted and where it fits, else pads for wires, one a net."""
     low_x, _, high_x, top = outline.bounds
     target = ((low_x + high_x) / 2, top)
-    spots = sorted(
-        _spots(outline, polar=blank.kind == "ring"), key=lambda s: math.dist(s[:2], target)
-    )
+    spots = sorted(_spots(outline, polar=blank.kind == "ring"), key=lambda s: math.dist(s[:2], target))
     if blank.kind == "flex":
         spots = sorted(_spots(outline, polar=False), key=lambda s: (s[0], -s[1]))
     row = HEADER.row(len(nets))
@@ -578,5 +591,3 @@ def _require_within(blank: Blank, outline: Polygon, thickness: float, room: Room
                     f"{blank.name}: reaches up to {pz:.4g} mm, into the camera plate; housing.top_mm is "
                     f"{room.top_mm:g} mm, raise it"
                 )
-
-

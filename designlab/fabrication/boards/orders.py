@@ -1,9 +1,8 @@
 """What goes with a board's Gerber files: bill of materials, placement, net list, specification, and its solid."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-
-from shapely.geometry import LineString
 
 from designlab.fabrication.boards.circuit import Channel
 from designlab.fabrication.boards.layout import Board, Component
@@ -20,6 +19,7 @@ from designlab.fabrication.boards.stock import (
 if TYPE_CHECKING:
     import cadquery
 
+SAME_MM = 1e-6
 PLACED = ("led", "resistor", "connector")
 """Kinds of components that are bought and placed; wire pads are copper only."""
 
@@ -151,7 +151,9 @@ def solid(board: Board) -> "cadquery.Shape":
         body = work.center((low_x + high_x) / 2, (low_y + high_y) / 2)
         body = body.rect(high_x - low_x, high_y - low_y).extrude(-board.thickness_mm)
     for x, y, diameter in board.holes:
-        body = body.cut(cadquery.Workplane(plane).center(x, y).circle(diameter / 2).extrude(-board.thickness_mm))
+        body = body.cut(
+            cadquery.Workplane(plane).center(x, y).circle(diameter / 2).extrude(-board.thickness_mm)
+        )
     return cadquery.Shape.cast(body.val().wrapped)
 
 
@@ -168,8 +170,15 @@ def _bent(board: Board) -> "cadquery.Shape":
         # Facets are tangents of one circle, so their backs meet on the rays through the folds.
         radius = float(frame.origin @ -frame.normal)
         grown = (radius + thickness) / radius
-        outside += [frame.point(-half, 0.0) * (grown, grown, 1.0), frame.point(half, 0.0) * (grown, grown, 1.0)]
-    line = LineString([(p[0], p[1]) for p in (*inside, *reversed(outside))]).simplify(1e-6)
+        outside += [
+            frame.point(-half, 0.0) * (grown, grown, 1.0),
+            frame.point(half, 0.0) * (grown, grown, 1.0),
+        ]
+    corners: list[tuple[float, float]] = []
+    for point in (*inside, *reversed(outside)):  # neighbours share the corners of their fold
+        corner = float(point[0]), float(point[1])
+        if not corners or math.dist(corner, corners[-1]) > SAME_MM:
+            corners.append(corner)
     level = float(blank.frames[0].origin[2])
-    section = cadquery.Workplane("XY", origin=(0, 0, level + low_y)).polyline(list(line.coords)).close()
+    section = cadquery.Workplane("XY", origin=(0, 0, level + low_y)).polyline(corners).close()
     return cadquery.Shape.cast(section.extrude(high_y - low_y).val().wrapped)

@@ -193,7 +193,9 @@ def _flex(array: LedArray, members: Sequence[Body], heights: Sequence[float]) ->
     radius, level = radii[0], float(np.mean([seat[2] for seat in seats]))
     order = sorted(range(len(members)), key=lambda n: math.atan2(seats[n][1], seats[n][0]))
     angles = [math.atan2(seats[n][1], seats[n][0]) for n in order]
-    gaps = [(after - before) % math.tau for before, after in zip(angles, [*angles[1:], angles[0]], strict=True)]
+    gaps = [
+        (after - before) % math.tau for before, after in zip(angles, [*angles[1:], angles[0]], strict=True)
+    ]
     start = (int(np.argmax(gaps)) + 1) % len(order)  # the board opens where the widest gap is
     order = order[start:] + order[:start]
     angles = [math.atan2(seats[n][1], seats[n][0]) for n in order]
