@@ -260,8 +260,8 @@ def _require_boards_apart(overlaps: Sequence[FileCheck]) -> None:
         if not check.ok and board.startswith("board_"):
             raise BoardError(
                 f"{board}: reaches {check.value:.3g} {check.unit} into {other}, at most {check.bound:g} "
-                f"{check.unit} may be; move its LEDs (leds.radius_mm, leds.height_mm), or --no-boards for all "
-                "but the LED boards"
+                f"{check.unit} may be; move its LEDs (leds.radius_mm, leds.height_mm), or --no-boards for "
+                "all but the LED boards"
             )
 
 

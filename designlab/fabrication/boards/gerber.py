@@ -3,6 +3,7 @@
 import math
 import zipfile
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ def _layer(board: Board, end: str, project: str) -> bytes:
     else:
         rings = [board.outline.exterior, *board.outline.interiors]
         edges = [list(ring.coords) for ring in rings]
-        objects = [line for edge in edges for line in _lines(zip(edge, edge[1:], strict=False), LINE_MM)]
+        objects = [line for edge in edges for line in _lines(pairwise(edge), LINE_MM)]
     layer = GerberFile(objects=objects)
     layer.file_attrs = {
         ".GenerationSoftware": ("designlab", "designlab", installed_version("designlab")),
@@ -124,7 +125,7 @@ def _copper(board: Board, layer: int) -> list[Any]:
     objects += [Flash(via.x, via.y, aperture=ring, unit=_mm()) for via in board.vias]
     for track in board.tracks:
         if track.layer == layer:
-            objects += _lines(list(zip(track.points, track.points[1:], strict=False)), TRACK_MM)
+            objects += _lines(pairwise(track.points), TRACK_MM)
     return objects
 
 

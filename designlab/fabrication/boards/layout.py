@@ -1,7 +1,7 @@
 """Boards as drawn: outline, holes, components, pads, nets and tracks, all in mm in the board's own plane.
 
-x and y are as seen from the front, the side with the LEDs. The origin of a ring is the sensor's axis, that of a
-strip the middle of its LEDs, that of a flexible board the lower end of its line of LEDs.
+x and y are as seen from the front, the side with the LEDs. The origin of a ring is the sensor's axis, that of
+a strip the middle of its LEDs, that of a flexible board the left end of its line of LEDs.
 """
 
 import math
@@ -23,7 +23,6 @@ from designlab.fabrication.boards.stock import (
     HOLE_MM,
     LAND_PATTERNS,
     STOCK,
-    TRACK_MM,
     WIRE_PAD,
     LandPattern,
 )
@@ -214,7 +213,7 @@ def _led(designator: str, place: Place, chosen: Sequence[Channel]) -> Component:
     )
     if rise < -1e-9 and all(channel.group.offset_mm is None for channel in held):
         place = place._replace(turn_deg=place.turn_deg + 180.0)
-    nets = {}
+    nets: dict[str, str] = {}
     for channel in held:
         if nets.setdefault(channel.cathode, f"{designator}.{channel.cathode}") == SUPPLY_NET:
             raise BoardError(f"part {channel.name!r}: pad {channel.cathode} is anode and cathode at once")
@@ -322,7 +321,7 @@ class _Full(Exception):
 def _strip(
     blank: Blank, chosen: Sequence[Channel], leds: Sequence[Component], nets: Sequence[str], room: Room
 ) -> Board:
-    """Draw a strip, rigid or flexible: LEDs at the lower edge, resistors above them, connector and holes on top.
+    """Draw a strip, rigid or flexible: LEDs at the lower edge, resistors above, connector and holes on top.
 
     Above the LEDs it is as tall as its parts and tracks need.
     """
@@ -346,8 +345,8 @@ def _strip(
         except (_Full, NoWay):
             tail += 0.5
     raise BoardError(
-        f"{blank.name}: {high_x - low_x:.3g} mm is too narrow for its tracks and its connector of {len(nets)} "
-        "pins; raise leds.pitch_mm"
+        f"{blank.name}: {high_x - low_x:.3g} mm is too narrow for its tracks and its connector of "
+        f"{len(nets)} pins; raise leds.pitch_mm"
     )
 
 
