@@ -16,6 +16,7 @@ from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
 from designlab.fabrication import boards as led_boards
 from designlab.fabrication.boards import SUPPLY_V, BoardError, Boards
+from designlab.fabrication.boards.circuit import channels
 from designlab.fabrication.boards.files import bill_row, write_board
 from designlab.fabrication.boards.orders import solid as board_solid
 from designlab.fabrication.checks import (
@@ -147,15 +148,18 @@ def to_make(design: Design | SensorModel) -> tuple[Design, list[str]]:
 
 
 def _boards(design: Design, supply_v: float, allow_infeasible: bool) -> tuple[Boards | None, list[str]]:
-    """LED boards of a design, or none and why."""
+    """LED boards of a design, or none and why; what cannot be driven is refused, whatever is allowed."""
     if design.leds.coupling == "embedded":
         return None, ["no LED boards: the LEDs are cast into the gelcore; wire them by leds.csv"]
+    driven = False
     try:
+        channels(design, supply_v=supply_v)
+        driven = True
         return led_boards.boards(design, supply_v=supply_v), []
     except led_boards.NoPartError as error:
         return None, [f"no LED boards: {error}"]
     except BoardError as error:
-        if allow_infeasible:
+        if allow_infeasible and driven:
             return None, [f"no LED boards: {error}"]
         raise BoardError(f"{error}; or --no-boards for all but the LED boards") from None
 

@@ -19,8 +19,8 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 
 from designlab.app.cli import main
+from designlab.fabrication import _boards, export
 from designlab.fabrication import boards as led_boards
-from designlab.fabrication import export
 from designlab.fabrication.boards import BoardError, Boards, boards, circuit, gerber, orders, routing
 from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM, LAND_PATTERNS
 from designlab.sensor.design import Design, load, preset
@@ -547,9 +547,27 @@ def test_export_holds_the_boards(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "boards").exists()
 
 
-def test_embedded_leds_get_no_board() -> None:
-    from designlab.fabrication import _boards
+@pytest.mark.parametrize(
+    ("changes", "made"),
+    [
+        ({}, True),
+        ({"housing.inner_radius_mm": 15.35}, False),
+        ({"leds.groups.0.wavelength_nm": 940.0, "leds.groups.0.name": "infrared"}, False),
+    ],
+)
+def test_boards_that_do_not_fit_are_left_out_if_that_is_allowed(changes: dict[str, Any], made: bool) -> None:
+    found, notes = _boards(preset("default").replace(changes), 5.0, True)
+    assert (found is not None) == made
+    assert made or notes[0].startswith("no LED boards")
 
+
+@pytest.mark.parametrize("supply_v", [0.0, 1.5, 2.9])
+def test_what_cannot_be_driven_is_refused_whatever_is_allowed(supply_v: float) -> None:
+    with pytest.raises(BoardError, match="supply_v"):
+        _boards(preset("default"), supply_v, True)
+
+
+def test_embedded_leds_get_no_board() -> None:
     design = preset("default").replace({"leds.coupling": "embedded", "gelcore.side_finish": "polished"})
     made, notes = _boards(design, 5.0, False)
     assert made is None
