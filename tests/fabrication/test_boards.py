@@ -358,6 +358,16 @@ def test_a_package_of_several_colours_has_a_resistor_for_each(
 
 
 @pytest.mark.slow
+def test_strips_hold_packages_of_three_colours(tmp_path: Path) -> None:
+    rows = {f"leds.groups.{k}.azimuth_deg": (90.0, 210.0, 330.0) for k in range(3)}
+    found = boards(preset("default").replace(rows)).boards
+    assert len(found) == 3
+    for board in found:
+        assert sum(c.kind == "resistor" for c in board.components) == 9
+        assert len(Read(board, tmp_path).pieces()) == len({pad.net for pad in board.pads})
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("azimuths", [(0.0, 40.0, 80.0), (10.0, 100.0, 190.0), (0.0, 150.0, 210.0)])
 def test_a_ring_of_level_leds_has_a_flexible_board(azimuths: tuple[float, ...], tmp_path: Path) -> None:
     content = preset("default").replace(ROOMY).model_dump(mode="json", exclude_none=True)

@@ -32,7 +32,9 @@ Spot = tuple[float, float, float]
 Line = tuple[tuple[float, float], tuple[float, float]]
 SUPPLY_NET = "V+"
 APART_MM = 0.35
-"""Between components: room for one track."""
+"""Between components, at least: room for one track."""
+MOST_TRIES = 6
+"""With more and more room between the parts of a strip."""
 BESIDE_MM = 0.8
 """From the LEDs to the edge of a strip: one track passes them."""
 MARK_MM = 0.15
@@ -282,7 +284,10 @@ def _require_apart(blank: Blank, leds: Sequence[Component]) -> None:
 class _Floor:
     """Free room on both sides of a board."""
 
-    def __init__(self, outline: Polygon, leds: Sequence[Component], folds: Sequence[float]) -> None:
+    def __init__(
+        self, outline: Polygon, leds: Sequence[Component], folds: Sequence[float], apart: float
+    ) -> None:
+        self.apart = apart
         self.inner = outline.buffer(-EDGE_MM)
         self.taken: dict[Side, list[Any]] = {side: [] for side in SIDES}
         for led in leds:
@@ -295,7 +300,7 @@ class _Floor:
     def take(self, shape: Any, sides: Sequence[Side]) -> None:
         """Occupy a place."""
         for side in sides:
-            self.taken[side].append(shape.buffer(APART_MM, join_style="mitre"))
+            self.taken[side].append(shape.buffer(self.apart, join_style="mitre"))
 
     def free(self, shape: Any, sides: Sequence[Side]) -> bool:
         """Whether a shape fits at its place."""
@@ -337,13 +342,15 @@ def _strip(
     low_x, high_x = low_x - widen, high_x + widen
     stock = STOCK["flex" if blank.kind == "flex" else "board"]
     _require_within(blank, box(low_x, low_y, high_x, top), min(stock["thicknesses_mm"]), room)
-    tail = margin + 1.5
-    while tail <= TALLEST_TAIL_MM:
+    tail, apart, tries = margin + 1.5, APART_MM, 0
+    while tail <= TALLEST_TAIL_MM and tries < MOST_TRIES:
         outline = box(low_x, low_y, high_x, top + tail)
         try:
-            return _filled(blank, chosen, leds, nets, room, outline, folds)
-        except (_Full, NoWay):
+            return _filled(blank, chosen, leds, nets, room, outline, folds, apart=apart)
+        except _Full:
             tail += 0.5
+        except NoWay:  # more room between the parts, before more room above them
+            apart, tries = apart + 0.2, tries + 1
     raise BoardError(
         f"{blank.name}: {high_x - low_x:.3g} mm is too narrow for its tracks and its connector of "
         f"{len(nets)} pins; raise leds.pitch_mm"
@@ -395,10 +402,14 @@ def _filled(
     folds: Sequence[float],
     *,
     drilled: bool = True,
+    apart: float = APART_MM,
 ) -> Board:
-    """Place connector and resistors on an outline, and connect them; `drilled`, with holes and pin header."""
+    """Place connector and resistors on an outline, `apart` (mm), and connect them.
+
+    `drilled`, with holes and pin header.
+    """
     thickness = _thickness(blank, outline, room)
-    floor = _Floor(outline, leds, folds)
+    floor = _Floor(outline, leds, folds, apart)
     behind: Side = "bottom" if blank.kind == "ring" else "top"
     drilled = drilled and blank.kind != "flex"
     holes = _holes(blank, outline, floor) if drilled else []

@@ -107,6 +107,8 @@ def _side(
     axis.set_ylim(low_y - room, high_y + room)
     axis.set_aspect("equal")
     axis.tick_params(labelsize=6, colors=INK, length=2)
+    if mirror:  # x stays that of the files
+        axis.xaxis.set_major_formatter(lambda x, _: f"{-x + 0.0:g}")
     for spine in axis.spines.values():
         spine.set_visible(False)
     axis.set_title("front, LED side" if layer == 0 else "back, seen from behind", fontsize=8, color=INK)
