@@ -65,6 +65,8 @@ def export(
     out: str | Path,
     *,
     probes: Sequence[Any] = (),
+    boards: bool = True,
+    supply_v: float = 5.0,
     allow_infeasible: bool = False,
 ) -> dict[str, Any]:
     """Write everything needed to make a design into a folder.
@@ -77,6 +79,10 @@ def export(
         Folder that appears whole or not at all; an earlier export is replaced.
     probes : sequence of Probe or str
         Indenters to add, such as ``"sphere:4"``.
+    boards : bool
+        Whether to make LED boards too.
+    supply_v : float
+        Supply of the LED boards (V).
     allow_infeasible : bool
         Export a design that breaks its rules, or cannot be built as it is simulated, with warnings.
 
@@ -90,11 +96,18 @@ def export(
     InfeasibleDesign
         If the design cannot be built and `allow_infeasible` is false.
     ValueError
-        If `out` holds something else, or a probe is unknown.
+        If `out` holds something else, a probe is unknown, or an LED board cannot be made.
     """
     from designlab.fabrication import export as write_files
 
-    return write_files(_model(design), out, probes=probes, allow_infeasible=allow_infeasible)
+    return write_files(
+        _model(design),
+        out,
+        probes=probes,
+        boards=boards,
+        supply_v=supply_v,
+        allow_infeasible=allow_infeasible,
+    )
 
 
 def draw(design: Design | SensorModel | str | Path, path: str | Path = "sensor.png") -> "ViewPicture":

@@ -1,4 +1,4 @@
-"""Files to make a design: STL, STEP, 3MF, LED coordinates, bill of materials, and checks of them all."""
+"""Files to make a design: STL, STEP, 3MF, LED boards, bill of materials, and checks of them all."""
 
 import hashlib
 import json
@@ -14,6 +14,11 @@ from designlab.core.backend import installed_version
 from designlab.core.progress import silent
 from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
+from designlab.fabrication import boards as led_boards
+from designlab.fabrication.boards import SUPPLY_V, BoardError, Boards
+from designlab.fabrication.boards.circuit import channels
+from designlab.fabrication.boards.files import bill_row, write_board
+from designlab.fabrication.boards.orders import solid as board_solid
 from designlab.fabrication.checks import (
     FileCheck,
     check_mesh,
@@ -47,7 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FileCheck", "export", "led_colour", "package_colour", "parts"]
 
-PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab")
+PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab", "gerbonara", "shapely")
 """Distributions that make the files, whose versions the manifest states."""
 
 PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
@@ -55,6 +60,7 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "elastomer": (0.95, 0.80, 0.60, 0.5),
     "housing": (0.25, 0.26, 0.29, 1.0),
 }
+BOARD_COLOUR = (0.08, 0.09, 0.1, 1.0)
 
 
 def export(
@@ -62,6 +68,8 @@ def export(
     out: str | Path,
     *,
     probes: Sequence[Probe | str] = (),
+    boards: bool = True,
+    supply_v: float = SUPPLY_V,
     allow_infeasible: bool = False,
     progress: Progress = silent,
 ) -> dict[str, Any]:
@@ -76,23 +84,30 @@ def export(
         earlier export, which it replaces.
     probes : sequence of Probe or str
         Indenters to add, as `Probe` or in the form that `geometries.probes.parse` reads (``"sphere:4"``).
+    boards : bool
+        Whether to make LED boards too.
+    supply_v : float
+        Supply of the LED boards (V), from which series resistors follow.
     allow_infeasible : bool
-        Export a design that breaks its rules, and overlapping parts, with a warning for each.
+        Export a design that breaks its rules, and overlapping parts, with a warning for each; LED boards that
+        cannot be made are left out.
     progress : callable, optional
         Called with the name of the next step, steps done and steps in all.
 
     Returns
     -------
     dict
-        The manifest, JSON-able: ``parts``, ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings`` and
-        ``files``, each with its SHA-256.
+        The manifest, JSON-able: ``parts``, ``boards``, ``drive`` (part, current and resistor of each LED
+        group), ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings`` and ``files``, each with its
+        SHA-256.
 
     Raises
     ------
     InfeasibleDesign
         If the design breaks a rule or cannot be built as it is simulated, and `allow_infeasible` is false.
     ValueError
-        If `out` holds something else, or a probe is unknown; names path or probe and rule.
+        If `out` holds something else, or a probe is unknown; names path or probe and rule. `BoardError` if an
+        LED board cannot be made; names part, value and rule.
     RuntimeError
         If a check fails; names the part and the figures. Nothing is left in `out` then.
     """
@@ -109,8 +124,9 @@ def export(
     if len(set(names)) < len(names):
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     require_replaceable(Path(out))
+    made, left_out = _boards(design, supply_v, allow_infeasible) if boards else (None, [])
     with atomic_folder(out, replace=True) as folder:
-        manifest = _write(design, folder, chosen, allow_infeasible, progress, notes)
+        manifest = _write(design, folder, chosen, made, allow_infeasible, progress, [*notes, *left_out])
         require(FileCheck(**check) for check in manifest["checks"])
         require_replaceable(Path(out))  # somebody may have written there meanwhile
     return manifest
@@ -131,10 +147,28 @@ def to_make(design: Design | SensorModel) -> tuple[Design, list[str]]:
     return model.effective_design(), notes
 
 
+def _boards(design: Design, supply_v: float, allow_infeasible: bool) -> tuple[Boards | None, list[str]]:
+    """LED boards of a design, or none and why; what cannot be driven is refused, whatever is allowed."""
+    if design.leds.coupling == "embedded":
+        return None, ["no LED boards: the LEDs are cast into the gelcore; wire them by leds.csv"]
+    driven = False
+    try:
+        channels(design, supply_v=supply_v)
+        driven = True
+        return led_boards.boards(design, supply_v=supply_v), []
+    except led_boards.NoPartError as error:
+        return None, [f"no LED boards: {error}"]
+    except BoardError as error:
+        if allow_infeasible and driven:
+            return None, [f"no LED boards: {error}"]
+        raise BoardError(f"{error}; or --no-boards for all but the LED boards") from None
+
+
 def _write(
     design: Design,
     folder: Path,
     chosen: Sequence[Probe],
+    made: Boards | None,
     allow_infeasible: bool,
     progress: Progress,
     notes: Sequence[str],
@@ -142,7 +176,8 @@ def _write(
     """Write all files and return the manifest, failed checks included."""
     meshed = [probe for probe in chosen if probe.file is not None]
     shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
-    steps = len(shapes) + len(meshed) + 2
+    boards = () if made is None else made.boards
+    steps = len(shapes) + len(meshed) + len(boards) + 2
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
     for done, (name, shape) in enumerate(shapes.items()):
@@ -153,14 +188,30 @@ def _write(
         progress(probe_name(probe), done, steps)
         described[probe_name(probe)], found = _write_mesh_probe(folder, probe)
         checks += found
+    board_shapes = {board.name: board_solid(board) for board in boards}
+    described_boards = []
+    for done, board in enumerate(boards, start=len(shapes) + len(meshed)):
+        progress(board.name, done, steps)
+        assert made is not None
+        colours = [group_colour(group) for group in design.leds.groups]
+        entry, found = write_board(
+            board, folder, channels=made.channels, colours=colours, project=design.name
+        )
+        described_boards.append(entry)
+        step = _path(folder, "step", f"{board.name}.step")
+        _write_step(board_shapes[board.name], step)
+        checks += [*found, *check_step(board.name, step, board_shapes[board.name])]
     progress("assembly", steps - 2, steps)
-    checks += _write_assembly(design, folder, shapes)
+    checks += _write_assembly(design, folder, shapes, board_shapes)
     progress("checks", steps - 1, steps)
-    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2)]
-    overlaps = check_overlaps(design, shapes, pairs)
+    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
+    # A board carries the LEDs, whose drawn bodies may be thicker than the part that is bought.
+    pairs += [(name, part) for name in board_shapes for part in SENSOR_PARTS if part != "led_array"]
+    overlaps = check_overlaps(design, {**shapes, **board_shapes}, pairs)
     if allow_infeasible:
         note = "accepted: allow_infeasible"
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
+    _require_boards_apart(overlaps)
     checks += overlaps
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
@@ -170,9 +221,11 @@ def _write(
         "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
-        "assumed": list(assumed_fields(design)),
+        "assumed": [*assumed_fields(design), *(() if made is None else made.assumed)],
         "parts": described,
-        "bom": bill(design, shapes),
+        "boards": described_boards,
+        "drive": [] if made is None else [channel.told() for channel in made.channels],
+        "bom": [*bill(design, shapes), *map(bill_row, boards)],
         "led_count": len(bodies(design.leds)),
         "margins_mm": design.margins(),
         "walls": {
@@ -182,6 +235,7 @@ def _write(
         },
         "warnings": [
             *notes,
+            *(() if made is None else made.notes),
             *(f"{probe_name(p)}: {note}" for p in meshed for note in described[probe_name(p)]["notes"]),
             *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
@@ -203,14 +257,24 @@ def _write(
     return manifest
 
 
+def _require_boards_apart(overlaps: Sequence[FileCheck]) -> None:
+    """Refuse a board that reaches into another part: the design's LEDs leave it no room."""
+    for check in overlaps:
+        board, _, other = check.part.partition("/")
+        if not check.ok and board.startswith("board_"):
+            raise BoardError(
+                f"{board}: reaches {check.value:.3g} {check.unit} into {other}, at most {check.bound:g} "
+                f"{check.unit} may be; move its LEDs (leds.radius_mm, leds.height_mm), or --no-boards for "
+                "all but the LED boards"
+            )
+
+
 def _write_part(
     design: Design, folder: Path, name: str, shape: "cadquery.Shape"
 ) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
-    import cadquery
-
     step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
-    cadquery.exporters.export(cadquery.Workplane(shape), str(step))
+    _write_step(shape, step)
     optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
     mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
     mesh.export(stl, file_type="stl")
@@ -234,6 +298,12 @@ def _write_part(
     }, checks
 
 
+def _write_step(shape: "cadquery.Shape", path: Path) -> None:
+    import cadquery
+
+    cadquery.exporters.export(cadquery.Workplane(shape), str(path))
+
+
 def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
     name = probe_name(probe)
@@ -248,7 +318,12 @@ def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[
     return described | {"volume_mm3": float(mesh.volume)}, checks
 
 
-def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[FileCheck]:
+def _write_assembly(
+    design: Design,
+    folder: Path,
+    shapes: Mapping[str, "cadquery.Shape"],
+    boards: Mapping[str, "cadquery.Shape"],
+) -> list[FileCheck]:
     """Write the sensor's parts in place, named and coloured, into one STEP file."""
     import cadquery
 
@@ -262,9 +337,12 @@ def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery
         name = "_".join([f"led_{number + 1:03d}", *(group.name for group in groups)])
         array.add(shapes["led_array"].Solids()[number], name=name, color=colour)
     assembly.add(array)
+    for name, shape in boards.items():
+        assembly.add(shape, name=name, color=cadquery.Color(*BOARD_COLOUR))
     path = folder / "assembly.step"
     assembly.export(str(path))
     solids = [solid for name in SENSOR_PARTS for solid in shapes[name].Solids()]
+    solids += [solid for shape in boards.values() for solid in shape.Solids()]
     return check_step("assembly", path, cadquery.Compound.makeCompound(solids))
 
 

@@ -170,6 +170,7 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         gel_ml=gel["volume_ml"],
         mix_g=CASTING_SURPLUS * gel["mass_g"],
         coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
+        boards=_STOCK["boards"]["made" if manifest["boards"] else "none"],
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]

@@ -1,7 +1,8 @@
 """LEDs that can be bought: what their data sheets say, and how it fills the fields of a design.
 
-Only figures that were read in the named source stand here; None means that it was not found there. Emitting
-sizes were found for none: the whole front of a package is taken to emit (assumption).
+Only figures that were read in the named source stand here; None means that it was not found there. What LED
+boards need and no source at hand states is assumed, and named in `assumed`. Emitting sizes were found for
+none: the whole front of a package is taken to emit (assumption).
 """
 
 from collections.abc import Collection, Mapping
@@ -32,6 +33,16 @@ class Chip(Spec):
     """Radiant flux at the current that the source names."""
     intensity_mcd: float | None = quantity(None, unit="mcd", gt=0, le=1e9)
     """Typical luminous intensity on the axis, which sheets often give instead of a flux."""
+    forward_v: float | None = quantity(None, unit="V", gt=0, le=100)
+    """Typical forward voltage at `current_ma`."""
+    current_ma: float | None = quantity(None, unit="mA", gt=0, le=1e5)
+    """Forward current at which flux, intensity and forward voltage are given."""
+    current_max_ma: float | None = quantity(None, unit="mA", gt=0, le=1e5)
+    """Highest continuous forward current."""
+    anode: str | None = Field(None, min_length=1, max_length=8)
+    """Pad of the land pattern that the chip's anode is soldered to."""
+    cathode: str | None = Field(None, min_length=1, max_length=8)
+    """Pad of its cathode."""
 
 
 class LedPart(Spec):
@@ -50,6 +61,10 @@ class LedPart(Spec):
     towards the membrane: for a right-angle part its height above the circuit board."""
     viewing_deg: float | None = quantity(None, unit="deg", ge=1, lt=180)
     """Full viewing angle at half intensity."""
+    land: str | None = Field(None, min_length=1, max_length=80)
+    """Land pattern of the package on a circuit board, by its name in the library of land patterns."""
+    assumed: tuple[str, ...] = ()
+    """Fields of this part that are assumed: no source at hand states them."""
 
     @field_validator("size_mm", mode="before")
     @classmethod

@@ -315,11 +315,13 @@ def _add_designs(add: Any) -> None:
     _option(shapes, "--mesh", "kind of the mesh", choices=("ply", "stl", "glb", "none"), default="ply")
     _out(shapes, "folder of the shapes; the same command again goes on there")
 
-    export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
+    export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED boards, bill of materials, checks")
     _option(export, "design DESIGN", DESIGN_HELP)
     _out(export, "folder to make; replaces an earlier export")
     _option(export, "--probe SPEC", "indenter to add (repeatable)", action="append", default=[])
     _mesh(export)
+    _option(export, "--supply-v V", "supply of the LED boards", type=float, default=5.0)
+    _option(export, "--no-boards", "leave the LED boards out")
     _option(export, "--allow-infeasible", "export although rules are broken, with warnings")
 
 

@@ -450,16 +450,31 @@ def export(args: Namespace) -> Result:
             model,
             args.out,
             probes=probes,
+            boards=not args.no_boards,
+            supply_v=args.supply_v,
             allow_infeasible=args.allow_infeasible,
             progress=progress,
         )
     passed = sum(check["ok"] for check in manifest["checks"])
     lines = [
-        f"{args.out}: {len(manifest['files'])} files for {', '.join(manifest['parts'])}",
+        f"{args.out}: {len(manifest['files'])} files for "
+        + ", ".join([*manifest["parts"], *(board["name"] for board in manifest["boards"])]),
         *map(str, meshes),
         f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
+        *(_driven(drive) for drive in manifest["drive"]),
         *(f"warning: {warning}" for warning in manifest["warnings"]),
     ]
     if assumed := manifest["assumed"]:
-        lines.append(f"{len(assumed)} figures of the preset are assumed, README.txt lists them")
+        lines.append(f"{len(assumed)} figures are assumed, README.txt lists them")
     return Result({"out": args.out, **manifest, **as_understood(meshes)}, "\n".join(lines))
+
+
+def _driven(drive: dict[str, Any]) -> str:
+    """How a group of LEDs is driven, in a line."""
+    flux = "no flux known"
+    if drive["current_from"] == "flux":
+        flux = f"{drive['board_flux_mw']:.3g} mW each, the design has {drive['design_flux_mw']:.3g} mW"
+    return (
+        f"{drive['group']}: {drive['number']}, {drive['current_ma']:.3g} mA through "
+        f"{drive['resistor_ohm']:g} ohm at {drive['supply_v']:g} V, {flux}"
+    )
