@@ -185,8 +185,14 @@ def _only_numbers(value: Any) -> bool:
 
 
 def _controls(spec: BaseModel, prefix: str, design: Design, own: OwnParts) -> Iterator[Control]:
+    """Controls of a part: its own fields first, then those of what it holds, such as a profile."""
+    found: list[list[Control]] = [[], []]
     for name, info in type(spec).model_fields.items():
-        yield from _control(spec, name, info, f"{prefix}{name}", design, own)
+        path = f"{prefix}{name}"
+        made = list(_control(spec, name, info, path, design, own))
+        found[any(control.path != path for control in made)] += made
+    for controls in found:
+        yield from controls
 
 
 def _control(

@@ -17,7 +17,7 @@ from designlab.simulation.effects.model import AppliedEffect, SensorModel, effec
 from designlab.simulation.imaging import Capture, expected, mixed
 from designlab.simulation.simulator import Simulator
 
-COLUMNS, SAMPLES, SEED = 160, 16, 0
+COLUMNS, SAMPLES, SEED = 160, 32, 0
 BRIGHTEST, LARGEST = 99.5, 99.5  # percentiles that end the scales
 LEAST_LIMIT = 0.005
 REPORT, MODEL = "report.json", "model.toml"

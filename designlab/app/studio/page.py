@@ -55,8 +55,7 @@ class Page:
     def build(self, query: str, opened: Address) -> None:
         """Lay the page out; the state is that of its address, or what the studio was opened with."""
         stated = address_of(query)
-        bare = not (stated.design or stated.folder or stated.edits)
-        self.address = opened if bare else stated
+        self.address = opened if stated == Address() else stated
         problem = self._restored(self.address)
         ui.add_head_html(HEAD)
         ui.query("html").props('lang="en"')

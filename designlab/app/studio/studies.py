@@ -31,6 +31,7 @@ def state(job: StudyJob) -> StudyState:
     """Read the state of a study, also while it runs."""
     from designlab.optimization.study import load_results
     from designlab.report import study_plots
+    from designlab.report.yardsticks import score_label
 
     results = load_results(job.folder)
     study, counts = results.study, results.counts()
@@ -48,7 +49,7 @@ def state(job: StudyJob) -> StudyState:
     for _, row in results.picks.iterrows():
         told = {"trial": str(row["trial"]), "why": str(row["pick"])}
         told |= {path: _shown(row[path]) for path in study.varied}
-        told |= {study.called(name): _shown(row[name]) for name in objectives}
+        told |= {score_label(name, results.units.get(name, "")): _shown(row[name]) for name in objectives}
         rows.append(told)
     plain = None if figure is None else dict(figure.to_plotly_json())
     return StudyState(study.name, words, plain, rows, results.evaluated >= study.trials)

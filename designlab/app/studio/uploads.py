@@ -88,7 +88,7 @@ def _by_calibration(picture: Array, file: Path) -> Relief:
 
 
 def _by_design(bench: "Bench", picture: Array, background: Array | None, design: Design) -> Relief:
-    """Heights by the light of the design, which the picture is levelled to: by a background, or its border."""
+    """Heights by the light of the design; the picture is levelled to it by its background or its border."""
     if background is not None and background.shape != picture.shape:
         raise ValueError(
             f"the background: must be as large as the picture, is {background.shape[1]} x "

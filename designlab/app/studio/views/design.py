@@ -247,7 +247,7 @@ class DesignView:
 
     def _model(self, reply: Reply) -> None:
         if reply.digest == self._page.session.design.digest and isinstance(reply.content, bytes):
-            self._sensor.show(reply.content)
+            self._sensor.show(reply.content, self._page.session.design.housing.top_mm)
 
     def _scored(self, reply: Reply) -> None:
         if reply.error and reply.digest == self._page.session.design.digest:
@@ -280,8 +280,11 @@ class DesignView:
             if before is None and not session.pin.design.broken():
                 job = ScoreJob(session.pin.design)
                 self._page.ask(PIN_SCORES, job, self._pin_scored, priority=SCORE_PRIORITY + 1)
-        self._table.show(rows(score, before), pinned=session.pin is not None)
-        self._table.say(f"fidelity {score.fidelity}, {score.press_plan.text()}", stale=False)
+        self._table.show(rows(score, before), pinned=before is not None)
+        told = f"fidelity {score.fidelity}"
+        if session.pin is not None:
+            told += "; changes since the pin" if before is not None else "; the pinned design is scored next"
+        self._table.say(told, stale=False)
 
 
 def _reach_mm(probe: Probe) -> float:

@@ -40,6 +40,8 @@ class GapView:
                 self._measurement = self._select("measurement", self._asked)
                 self._frames = self._select("frame", self._frame_picked)
             self._verdict = ui.label("").classes("lead").props('aria-live="polite" id="gap-verdict"')
+            with ui.expansion("what else the diagnosis says").props("dense").classes("part") as self._more:
+                self._rest = ui.label("").classes("said")
             self._state = ui.label("").classes("note").props('role="status" id="gap-state"')
             with ui.element("div").classes("gap-pictures") as self._pictures:
                 with ui.element("div"):
@@ -71,7 +73,7 @@ class GapView:
         )
         there = bool(found)
         self._empty.set_visibility(not there)
-        for part in (self._bar, self._verdict, self._state, self._pictures, self._rms):
+        for part in (self._bar, self._verdict, self._more, self._state, self._pictures, self._rms):
             part.set_visibility(there)
         if there:
             wanted = self._page.address.folder
@@ -100,9 +102,9 @@ class GapView:
         except (OSError, ValueError) as error:
             self._state.set_text(str(error))
             return
-        self._verdict.set_text(
-            " ".join(str(line) for line in report.get("statement", ())) or report["verdict"]
-        )
+        said = [str(line) for line in report.get("statement", ())] or [str(report["verdict"])]
+        self._verdict.set_text(said[0])
+        self._rest.set_text(" ".join(said[1:]))
         named = str(report.get("provenance", {}).get("measurement", ""))
         there = [shown(self._page.root, path) for path in measurements(self._page.root, named)]
         if not there:

@@ -35,8 +35,7 @@ class Scores:
             word = row.verdict.partition(",")[0]
             ui.label(row.verdict).classes(f"verdict {word}")
             if pinned:
-                shown = row.change or "not compared"
-                ui.label(shown).classes("change clear" if row.clear else "change")
+                ui.label(row.change).classes("change clear" if row.clear else "change")
             if row.meaning or row.limits:
                 ui.tooltip("\n".join(filter(None, (row.meaning, row.limits)))).props(
                     "max-width=22rem delay=400"

@@ -3,9 +3,10 @@
 import base64
 from typing import Any
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 WIDTH_PX, HEIGHT_PX = 296, 260
+FAR = 1.45  # of the camera, in heights of the sensor
 NO_WEBGL = "This browser has no WebGL: the sensor is not drawn."
 HAS_WEBGL = "!!document.createElement('canvas').getContext('webgl2')"
 
@@ -34,21 +35,22 @@ class Sensor3d:
             self._scene = ui.scene(
                 width=WIDTH_PX, height=HEIGHT_PX, grid=False, background_color="#dfe3ea", show_stats=False
             )
-            self._scene.move_camera(x=22, y=-48, z=42, look_at_x=0, look_at_y=0, look_at_z=10, duration=0)
         return True
 
-    def show(self, glb: bytes) -> None:
-        """Show a model, binary glTF."""
-        from nicegui import background_tasks
+    def show(self, glb: bytes, height_mm: float) -> None:
+        """Show a model, binary glTF, of so high a sensor."""
+        background_tasks.create(self._show(glb, height_mm), name="sensor model")
 
-        background_tasks.create(self._show(glb), name="sensor model")
-
-    async def _show(self, glb: bytes) -> None:
+    async def _show(self, glb: bytes, height_mm: float) -> None:
         with self._client:
             if not await self._begin():
                 return
             source = "data:model/gltf-binary;base64," + base64.b64encode(glb).decode()
             before = self._drawn
+            if before is None:
+                far = height_mm * FAR
+                middle = {"look_at_x": 0, "look_at_y": 0, "look_at_z": height_mm / 2}
+                self._scene.move_camera(x=0.4 * far, y=-0.9 * far, z=1.1 * far, duration=0, **middle)
             with self._scene:
                 self._drawn = self._scene.gltf(source)
             if before is not None:

@@ -45,11 +45,12 @@ class Stage:
             self._compare.set_visibility(False)
         ui.html(STAGE, sanitize=False).classes("stage-box")
         with ui.element("div").classes("maps"):
-            self._map("map-height", "height, reconstructed")
-            with ui.element("div").classes("scale"):
-                self._low = ui.label("")
-                ui.element("span").classes("bar").style(f"background: {scale_css()}")
-                self._high = ui.label("")
+            with ui.element("div"):
+                self._map("map-height", "height, reconstructed")
+                with ui.element("div").classes("scale"):
+                    self._low = ui.label("")
+                    ui.element("span").classes("bar").style(f"background: {scale_css()}")
+                    self._high = ui.label("")
             self._map("map-normals", "normals, reconstructed")
             self._read = ui.label("").classes("facts read").props('id="relief-facts"')
 
@@ -95,7 +96,7 @@ class Stage:
         call(client, "map", "map-normals", source(found.normals), "normals of the membrane, reconstructed")
         self._low.set_text(f"{found.low_mm:.2f}")
         self._high.set_text(f"{found.high_mm:.2f} mm")
-        self._read.set_text(", ".join(f"{what} {value}" for what, value in found.facts.items()))
+        self._read.set_text("\n".join(f"{what} {value}" for what, value in found.facts.items()))
 
 
 FLICK = (

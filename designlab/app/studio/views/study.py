@@ -165,6 +165,8 @@ def _themed(figure: dict[str, Any]) -> dict[str, Any]:
     layout["margin"] = {"l": 70, "r": 20, "t": 40, "b": 60}
     for axis in ("xaxis", "yaxis"):
         layout[axis] = {**layout.get(axis, {}), **grid}
+        if isinstance(title := layout[axis].get("title"), dict):
+            title["font"] = {"size": 13}
     layout.pop("template", None)
     found["config"] = {"displaylogo": False, "responsive": True}
     return found
