@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from designlab.core.fields import field_at, unit_of
-from designlab.sensor.contact import CONTACT_MODELS, CUSTOM
+from designlab.sensor.contact import CONTACT_MODELS, CUSTOM, KernelContact, LayerContact
 from designlab.sensor.design import Design
 from designlab.sensor.gel_materials import MATERIALS as GELS
 from designlab.sensor.led_catalogue import PARTS
@@ -19,6 +19,7 @@ from designlab.sensor.parts_file import OwnParts
 from designlab.sensor.spectra import EMISSION, FILTERS, SENSITIVITIES, Sensitivity
 from geometries.spectrum import Filter, Spectrum
 
+MODELS: dict[str, type[KernelContact | LayerContact]] = {"kernel": KernelContact, "layer": LayerContact}
 Kind = Literal["number", "choice", "switch", "text", "numbers"]
 
 TITLES = {
@@ -87,7 +88,7 @@ class Control:
     def edit(self, value: Any) -> tuple[str, Any]:
         """Path and value of `Design.replace` that set the field."""
         if self.path == "contact.model":
-            return "contact", {"model": value}
+            return "contact", MODELS[value]().model_dump()  # whole, so that its other fields can be set too
         return self.path, value
 
 
@@ -143,7 +144,7 @@ def slider_range(control: Control, around: float | None) -> tuple[float, float, 
     step = 1.0 if control.whole else 10.0 ** math.floor(math.log10(max(high - low, 1e-9) / 100))
     # Bounds that do not belong to the range lie a hair within it; a step further in is rounder.
     low, high = math.ceil(low / step - 1e-3) * step, math.floor(high / step + 1e-3) * step
-    low = low if low > control.low else low + step * (low < control.low)
+    low, high = low + step * (low < control.low), high - step * (high > control.high)
     return (low, high, step) if high > low else None
 
 

@@ -1,5 +1,6 @@
 """What one tab of the studio has on its bench: a design with its changes, a press, what was before, a pin."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -213,7 +214,9 @@ class Session:
         before = replace_state(self)
         try:
             for path, value in list(edits.items())[:CHANGES_MOST]:
-                self.change("contact.model" if path == "contact" else path, value)
+                if path == "contact":
+                    path, value = "contact.model", value.get("model") if isinstance(value, dict) else value
+                self.change(path, value)
         except (NotAllowed, DesignError):
             self.edits, self.press = before.edits, before.press
             self.design = self._made(self.edits)
@@ -224,7 +227,8 @@ class Session:
             self.press = press
 
     def _made(self, edits: Mapping[str, Any]) -> Design:
-        return self.base.replace(edits) if edits else self.base
+        # A copy: values within values are set in place.
+        return self.base.replace(copy.deepcopy(dict(edits))) if edits else self.base
 
     def _remember(self, what: str, going_on: bool) -> None:
         if not (going_on and self._last == what):

@@ -6,6 +6,7 @@ from designlab.app.studio.confinement import OutsideFolder, inside, new_file, sh
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import ExportJob, Reply
 from designlab.app.studio.snippets import command_lines, python_lines
+from designlab.app.studio.views.look import FILLED
 from designlab.sensor.design import Design, preset_names
 
 TOML = ".toml"
@@ -51,7 +52,7 @@ def save_dialog(page: Desk) -> None:
             page.tell(f"{path.name} written")
 
         with ui.row():
-            ui.button("save", on_click=save).props('no-caps unelevated id="save-now"')
+            ui.button("save", on_click=save).props(f'{FILLED} id="save-now"')
             ui.button("cancel", on_click=dialog.close).props("no-caps flat")
     dialog.open()
 
@@ -82,7 +83,7 @@ def export_dialog(page: Desk) -> None:
             page.ask("export", ExportJob(page.session.design, inside(page.root, out.name)), done, priority=5)
 
         with ui.row():
-            ui.button("export", on_click=export).props("no-caps unelevated")
+            ui.button("export", on_click=export).props(FILLED)
             ui.button("close", on_click=dialog.close).props("no-caps flat")
     dialog.open()
 

@@ -9,6 +9,7 @@ from designlab.app.studio.confinement import OutsideFolder, inside, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.gaps import REPORT, GapPictures, GapState, Knob, measurements, report_of
 from designlab.app.studio.messages import GapJob, Reply
+from designlab.app.studio.views.look import TOGGLE
 from designlab.app.studio.views.stage import call, source
 from designlab.report.live_maps import RESIDUAL_MAP, scale_css
 
@@ -46,12 +47,12 @@ class GapView:
             with ui.element("div").classes("gap-pictures") as self._pictures:
                 with ui.element("div"):
                     self._shown = ui.toggle(PICTURES, value="measured", on_change=self._draw).props(
-                        'dense no-caps unelevated id="gap-flick" aria-label="picture"'
+                        f'{TOGGLE} id="gap-flick" aria-label="picture"'
                     )
                     ui.html('<img id="gap-picture" class="gap-image" alt="" hidden>', sanitize=False)
                 with ui.element("div"):
                     self._left = ui.toggle(RESIDUALS, value="residual before", on_change=self._draw).props(
-                        'dense no-caps unelevated aria-label="residual"'
+                        f'{TOGGLE} aria-label="residual"'
                     )
                     ui.html('<img id="gap-residual" class="gap-image" alt="" hidden>', sanitize=False)
                     with ui.element("div").classes("scale"):

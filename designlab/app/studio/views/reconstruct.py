@@ -9,6 +9,7 @@ from designlab.app.studio.confinement import OutsideFolder, inside, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import Relief, Reply, UploadJob
 from designlab.app.studio.uploads import MOST_BYTES, SUFFIXES
+from designlab.app.studio.views.look import FILLED
 from designlab.app.studio.views.stage import call, source
 from designlab.report.live_maps import scale_css
 
@@ -69,7 +70,7 @@ class ReconstructView:
             max_file_size=MOST_BYTES,
             auto_upload=True,
         )
-        place.props(f'accept="{",".join(SUFFIXES)}" flat bordered id="{name}"').style("width: 18rem")
+        place.props(f'accept="{",".join(SUFFIXES)}" flat bordered {FILLED} id="{name}"').style("width: 18rem")
 
     async def _got_picture(self, event: Any) -> None:
         self._picture = await _content(event)

@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from designlab.app.studio.messages import Picture, Relief
+from designlab.app.studio.views.look import TOGGLE
 from designlab.core.types import Array
 from designlab.report.live_maps import scale_css
 
@@ -32,7 +33,7 @@ class Stage:
     def __init__(self) -> None:
         with ui.element("div").classes("stage-bar"):
             self._mode = ui.toggle(MODES, value="pressed", on_change=self._set_mode)
-            self._mode.props('dense no-caps unelevated aria-label="what is shown"')
+            self._mode.props(f'{TOGGLE} aria-label="what is shown"')
             self._facts = ui.label("").classes("facts")
             with ui.element("div").classes("compare") as self._compare:
                 ui.label("pinned")
