@@ -48,7 +48,7 @@ def query_of(address: Address) -> str:
     if address.pin is not None:
         pairs.append(("pin", ""))
         pairs += [("pin", _pair(path, value)) for path, value in address.pin.items()]
-    return urlencode(pairs, safe=":,.[]\"'{}")
+    return urlencode(pairs, safe=":,./[]\"'{}")
 
 
 def address_of(query: str) -> Address:
