@@ -156,7 +156,7 @@ class Row:
         if control.kind == "number":
             return self._number(control, start, spoken)
         entry = ui.input(value=self._shown(control)).props(f"dense outlined {spoken}").classes("entry wide")
-        entry.on("change", lambda: self._set(None))
+        entry.on("change", self._written)
         return entry
 
     def _number(self, control: Control, start: Any, spoken: str) -> Any:
@@ -170,7 +170,7 @@ class Row:
         entry = ui.input(value=self._shown(control), placeholder=OFF if control.optional else "")
         entry.props(f'dense outlined inputmode="decimal" {spoken}')
         entry.classes("entry" if self._slider is not None else "entry wide")
-        entry.on("change", lambda: self._set(None))
+        entry.on("change", self._written)
         return entry
 
     def _shown(self, control: Control) -> Any:
@@ -187,11 +187,17 @@ class Row:
         if not self._quiet:
             self._turn(event.value, True)
 
-    def _set(self, _: Any) -> None:
-        """Take what stands in the entry."""
-        if self._quiet:
-            return
-        given, control = self._field.value, self.control
+    def _set(self, event: Any) -> None:
+        """Take what was picked."""
+        if not self._quiet:
+            self._take(event.value)
+
+    def _written(self, event: Any) -> None:
+        """Take what was written: the event tells it, the entry itself may lag behind."""
+        self._take(event.args if isinstance(event.args, str) else self._field.value)
+
+    def _take(self, given: Any) -> None:
+        control = self.control
         try:
             value = self._read(given, control)
         except ValueError as error:

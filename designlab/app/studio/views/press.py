@@ -35,7 +35,7 @@ class PressKnobs:
                         entry = ui.input().props(
                             f'dense outlined inputmode="decimal" aria-label="{label} ({unit})"'
                         )
-                        entry.on("change", lambda _, name=name: self._set(name))
+                        entry.on("change", lambda event, name=name: self._set(name, event.args))
                         self._entries[name] = entry
             self._wrong = ui.label("").classes("wrong").props('role="alert"')
         self.update(press)
@@ -61,10 +61,9 @@ class PressKnobs:
         if not self._quiet:
             self._wrong.set_text(self._moved("kind", event.value))
 
-    def _set(self, name: str) -> None:
-        if self._quiet:
-            return
-        text = str(self._entries[name].value).strip().replace(",", ".")
+    def _set(self, name: str, written: Any) -> None:
+        text = str(written if isinstance(written, str) else self._entries[name].value)
+        text = text.strip().replace(",", ".")
         if not text and name in ("depth_mm", "force_n"):
             return
         try:
