@@ -13,10 +13,10 @@ from designlab.simulation.contact.press import Press
 
 @dataclass(frozen=True)
 class PictureJob:
-    """What the camera sees of a design, untouched and pressed, and what is read off the press."""
+    """What the camera sees of a design under a press, and what is read off it; untouched where it is None."""
 
     design: Design
-    press: Press
+    press: Press | None
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,21 @@ class Reply:
     last: bool = False
 
 
+class Rest(NamedTuple):
+    """Nothing yet: what follows is worth doing only if nothing newer comes for so long (s)."""
+
+    seconds: float
+
+
 class Picture(NamedTuple):
-    """Pictures of one step.
+    """Picture of one step.
 
     Attributes
     ----------
-    untouched, pressed : bytes
-        PNG files of one scale: white is full scale of the camera; `pressed` is empty where the press cannot
-        be made, which `note` says.
+    png : bytes
+        PNG file: white is full scale of the camera.
+    pressed : bool
+        Whether it shows the press; not where that cannot be made, which `note` says.
     columns_mm, rows_mm : array, shape (9, 9)
         Where on the membrane places of the picture lie, from its upper left corner to its lower right one.
     grain : float
@@ -150,8 +157,8 @@ class Picture(NamedTuple):
         What is shown, in words.
     """
 
-    untouched: bytes
-    pressed: bytes
+    png: bytes
+    pressed: bool
     columns_mm: NDArray[Any]
     rows_mm: NDArray[Any]
     grain: float

@@ -1,6 +1,7 @@
 """A queue of tasks in which a newer task takes the place of an older one of the same kind."""
 
 import threading
+import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +21,8 @@ class Task:
         What is to be done.
     priority : int
         Lower ones come first; a task that has done a step comes back behind those that have not.
+    ready_at : float
+        Time (of `time.monotonic`) before which it is not taken: something newer may come.
     """
 
     key: Hashable
@@ -27,6 +30,7 @@ class Task:
     work: Any
     priority: int = 0
     steps: int = 0
+    ready_at: float = 0.0
     state: Any = field(default=None, repr=False)
 
     @property
@@ -54,11 +58,18 @@ class NewestQueue:
 
     def take(self, timeout_s: float | None = None) -> Task | None:
         """Remove and return the task that comes first, or None where none has come in time."""
+        end = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
-            if not self._changed.wait_for(lambda: bool(self._waiting), timeout_s):
-                return None
-            first = min(self._waiting.values(), key=lambda task: task.order)
-            return self._waiting.pop(first.key)
+            while True:
+                now = time.monotonic()
+                ready = [task for task in self._waiting.values() if task.ready_at <= now]
+                if ready:
+                    first = min(ready, key=lambda task: task.order)
+                    return self._waiting.pop(first.key)
+                times = [task.ready_at for task in self._waiting.values()] + ([] if end is None else [end])
+                if end is not None and now >= end:
+                    return None
+                self._changed.wait(min(times) - now if times else None)
 
     def superseded(self, task: Task) -> bool:
         """Whether a newer task of its key has come, or its key was dropped."""
@@ -69,7 +80,9 @@ class NewestQueue:
         """Whether a task waits that comes before this one, or takes its place."""
         with self._changed:
             newer = self._newest.get(task.key) != task.number
-            return newer or any(other.order < task.order for other in self._waiting.values())
+            now = time.monotonic()
+            waiting = [other for other in self._waiting.values() if other.ready_at <= now]
+            return newer or any(other.order < task.order for other in waiting)
 
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:
         """Forget the tasks of some keys, those under way included."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.app.studio.messages import Picture, PictureJob, Relief
+from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
 from designlab.core.backend import activate
 from designlab.core.images import png_bytes, to_srgb
 from designlab.core.metrics import normal_error_deg
@@ -31,7 +31,9 @@ from geometries.elastomer import base_gradient
 
 Thing = TypeVar("Thing")
 
+QUICK = 1  # level of compression: a sixth of the usual time
 SEED = 0  # as `designlab evaluate`, whose light fields are shared so
+FULL_REST_S, REST_S = 0.06, 0.3  # for which nothing newer must come before a full picture, and all else
 GRID = 9  # places of a picture, along each side, whose points on the membrane are told
 FRAMES_KEPT, SIMULATORS_KEPT, LEVELS_KEPT = 48, 10, 8
 
@@ -138,8 +140,11 @@ class Bench:
         return np.asarray(_remembered(self._frames, key, simulator.slope_response, FRAMES_KEPT))
 
 
-def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief]:
-    """Pictures of a job, each better than the last, and a relief as soon as the first full one is there."""
+def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief | Rest]:
+    """Pictures of a job, each better than the last, and a relief as soon as the first full one is there.
+
+    What takes longer waits until the knob rests: while it is turned, only first pictures are made.
+    """
     design, press, effort = job.design, job.press, bench.effort
     light = light_key(design)
     start = bench.known(light)
@@ -152,10 +157,14 @@ def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief]:
         if level == start and not there:
             yield _picture(bench, job, effort.coarse, samples, _words(level, last, coarse=True))
             bench.baked(light, level)
+        if not there:
+            yield Rest(FULL_REST_S if level == start else REST_S)
         yield _picture(bench, job, effort.full, samples, _words(level, last, coarse=False))
         bench.baked(light, level)
-        if level in (start, last) and (found := _relief(bench, job, samples)) is not None:
-            yield found
+        if level in (start, last):
+            yield Rest(REST_S)
+            if (found := _relief(bench, job, samples)) is not None:
+                yield found
 
 
 def _words(level: int, last: int, *, coarse: bool) -> str:
@@ -167,32 +176,32 @@ def _picture(bench: Bench, job: PictureJob, fineness: Fineness, samples: int, st
     design = job.design
     untouched = bench.frame(design, fineness, samples, None)
     protocol = EvaluationProtocol(design, exposure(design, untouched), SEED)
-    note, pressed, facts = "", b"", {}
-    try:
-        frame = bench.frame(design, fineness, samples, job.press)
-    except (ValueError, NotConverged) as error:
-        note = " ".join(str(error).split())
-    else:
-        pressed = camera_png(protocol.picture(frame, 10))
-        note = "; ".join(frame.warnings)
-        facts = _facts(frame)
+    note, shown = "", untouched
+    if job.press is not None:
+        try:
+            shown = bench.frame(design, fineness, samples, job.press)
+            note = "; ".join(shown.warnings)
+        except (ValueError, NotConverged) as error:
+            note = " ".join(str(error).split())
+    pressed = shown is not untouched
     grid = [np.linspace(0, count - 1, GRID).round().astype(int) for count in untouched.rays.x_mm.shape]
     places = np.ix_(*grid)
     return Picture(
-        untouched=camera_png(protocol.picture(untouched, 0)),
+        png=camera_png(protocol.picture(shown, 10 if pressed else 0)),
         pressed=pressed,
         columns_mm=untouched.rays.x_mm[places],
         rows_mm=untouched.rays.y_mm[places],
         grain=_grain(bench, design, samples),
         step=step,
         note=note,
-        facts=facts,
+        facts=_facts(shown),
     )
 
 
 def camera_png(linear: NDArray[np.floating]) -> bytes:
     """Picture of a camera, linear shares of full scale, as PNG on a scale that all pictures share."""
-    return png_bytes(np.asarray(np.round(255 * to_srgb(np.clip(linear, 0.0, 1.0))), dtype=np.uint8))
+    shown = np.asarray(np.round(255 * to_srgb(np.clip(linear, 0.0, 1.0))), dtype=np.uint8)
+    return png_bytes(shown, compression=QUICK)
 
 
 def _facts(frame: Frame) -> dict[str, str]:
@@ -219,7 +228,7 @@ def _grain(bench: Bench, design: Design, samples: int) -> float:
 def _relief(bench: Bench, job: PictureJob, samples: int) -> Relief | None:
     """Normals and heights as they are read off the picture by the light that is known; None without one."""
     design, fineness = job.design, bench.effort.coarse
-    if not bench.simulator(design, fineness, samples).has_light_field:
+    if job.press is None or not bench.simulator(design, fineness, samples).has_light_field:
         return None
     untouched = bench.frame(design, fineness, samples, None)
     try:

@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -17,6 +18,7 @@ from designlab.app.studio.messages import (
     PictureJob,
     Reply,
     Request,
+    Rest,
     ScoreJob,
     StudyJob,
     UploadJob,
@@ -87,8 +89,11 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
         return
     if queue.superseded(task):
         return
-    _tell(pipe, request, content=content)
-    task.steps += 1
+    if isinstance(content, Rest):
+        task.ready_at = time.monotonic() + content.seconds
+    else:
+        _tell(pipe, request, content=content)
+        task.steps += 1
     queue.put(task)
 
 

@@ -1,6 +1,7 @@
 """A newer task takes the place of an older one; what comes first is done first."""
 
 import threading
+import time
 
 import pytest
 
@@ -74,6 +75,19 @@ def test_what_was_dropped_is_neither_taken_nor_goes_on():
     queue.drop(lambda key: key[0] == "one")
     assert queue.superseded(mine)
     assert queue.take(0) is other
+    assert queue.take(0) is None
+
+
+def test_a_task_that_rests_is_taken_later_unless_something_newer_comes():
+    queue = NewestQueue()
+    queue.put(task("picture", 1, ready_at=time.monotonic() + 0.2))
+    queue.put(task("scores", 2, priority=100))
+    assert queue.take(0).key == "scores"
+    assert queue.take(0) is None
+    assert queue.take(5).number == 1
+    queue.put(task("picture", 2, ready_at=time.monotonic() + 60))
+    queue.put(task("picture", 3))
+    assert queue.take(0).number == 3
     assert queue.take(0) is None
 
 

@@ -5,14 +5,13 @@
   const element = (id) => document.getElementById(id);
 
   const draw = () => {
-    const mode = element("stage")?.dataset.mode || "pressed";
     for (const slot of ["now", "pinned"]) {
       const image = element(`picture-${slot}`);
       if (!image) continue;
       const picture = shown[slot];
       image.hidden = !picture;
       if (!picture) continue;
-      image.src = picture[mode] || picture.untouched;
+      if (image.src !== picture.src) image.src = picture.src;
       image.dataset.digest = picture.digest;
       image.dataset.request = picture.request;
       image.dataset.step = picture.step;

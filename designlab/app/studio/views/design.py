@@ -16,6 +16,7 @@ from designlab.app.studio.views.sensor3d import Sensor3d
 from designlab.app.studio.views.stage import Stage, call, membrane_mm, place_of
 from designlab.evaluation.evaluate import Score
 from designlab.sensor.design import DesignError
+from designlab.simulation.contact.press import Press
 from geometries.probes import REACH, Probe
 
 REST_S = 0.8  # for which no knob was turned before scores and drawing follow
@@ -47,7 +48,7 @@ class DesignView:
                 with self._knob_box:
                     self._knobs = Knobs(page.session.design, self._turned)
             with ui.element("div").classes("middle"):
-                self._stage = Stage()
+                self._stage = Stage(self._moded)
             with ui.element("div").classes("right"):
                 self._table = Scores()
                 self._sensor = Sensor3d(page.client)
@@ -170,16 +171,24 @@ class DesignView:
         self._show_scores()
         self._mark()
 
+    @property
+    def _shown_press(self) -> Press | None:
+        return self._page.session.press if self._stage.pressed else None
+
+    def _moded(self) -> None:
+        self._ask_picture()
+        self._ask_pinned()
+
     def _ask_picture(self) -> None:
         session = self._page.session
-        number = self._page.ask(NOW, PictureJob(session.design, session.press), self._picture)
+        number = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
         call(self._page.client, "expect", session.design.digest, number)
 
     def _ask_pinned(self) -> None:
         session = self._page.session
         self._stage.comparing(session.pin is not None)
         if session.pin is not None:
-            job = PictureJob(session.pin.design, session.press)
+            job = PictureJob(session.pin.design, self._shown_press)
             self._page.ask(PINNED, job, self._pinned_picture, priority=PIN_PRIORITY)
 
     def _picture(self, reply: Reply) -> None:

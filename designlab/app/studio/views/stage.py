@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
@@ -28,9 +29,10 @@ MODES = {"pressed": "pressed", "untouched": "untouched"}
 
 
 class Stage:
-    """Pictures and maps; what is shown of two designs is the browser's own matter."""
+    """Pictures and maps; `moded` is called when another state of the gel is to be shown."""
 
-    def __init__(self) -> None:
+    def __init__(self, moded: Callable[[], None]) -> None:
+        self._moded = moded
         with ui.element("div").classes("stage-bar"):
             self._mode = ui.toggle(MODES, value="pressed", on_change=self._set_mode)
             self._mode.props(f'{TOGGLE} aria-label="what is shown"')
@@ -61,8 +63,14 @@ class Stage:
         )
         ui.html(picture, sanitize=False)
 
+    @property
+    def pressed(self) -> bool:
+        """Whether the press is to be shown, or the untouched gel."""
+        return bool(self._mode.value == "pressed")
+
     def _set_mode(self, event: Any) -> None:
         ui.run_javascript(f"studio.mode({event.value!r})")
+        self._moded()
 
     def comparing(self, shown: bool) -> None:
         """Show or hide what flicks between the pinned picture and the present one."""
@@ -78,14 +86,13 @@ class Stage:
         if found.note:
             caption += f". {found.note}"
         payload = {
-            "untouched": source(found.untouched),
-            "pressed": source(found.pressed) if found.pressed else "",
+            "src": source(found.png),
             "digest": digest,
             "request": request,
             "step": found.step,
             "caption": caption,
             "alt": f"camera picture of {name}",
-            "shape": _shape(found.untouched),
+            "shape": _shape(found.png),
         }
         call(client, "show", slot, payload)
         if slot == "now":
