@@ -191,7 +191,8 @@ def _picture(bench: Bench, job: PictureJob, fineness: Fineness, samples: int, st
         pressed=pressed,
         columns_mm=untouched.rays.x_mm[places],
         rows_mm=untouched.rays.y_mm[places],
-        grain=_grain(bench, design, samples),
+        # Of a first picture the grain is seen, and telling it would delay it.
+        grain=math.nan if fineness is bench.effort.coarse else _grain(bench, design, samples),
         step=step,
         note=note,
         facts=_facts(shown),

@@ -29,6 +29,8 @@ class Runs:
         """Start the study of a folder, or go on with it."""
         if self.running(folder):
             return
+        if folder in self._runs:
+            self._runs.pop(folder)[1].close()
         log = tempfile.TemporaryFile()  # noqa: SIM115  `stop` closes it
         process = subprocess.Popen(
             [*COMMAND, str(folder)],
@@ -72,3 +74,4 @@ class Runs:
             if process.poll() is None:
                 process.terminate()
             log.close()
+        self._runs.clear()

@@ -169,7 +169,9 @@ class GapView:
         with ui.element("div").classes("gap-knob"):
             ui.label(label)
             step = max(knob.high - knob.low, 1e-9) / 100
-            slider = ui.slider(min=knob.low, max=max(knob.high, knob.low + 1e-9), step=step, value=knob.value)
+            slider = ui.slider(
+                min=knob.low, max=max(knob.high, knob.low + 1e-9), step=step, value=float(f"{knob.value:.4g}")
+            )
             slider.props(f'dense label aria-label="{label}"')
             slider.on("change", lambda: self._move(knob.key, float(slider.value)))
             ui.label(ends).classes("note")

@@ -47,7 +47,9 @@ class Header:
         if session.source not in self._source.options:
             self._source.set_options([*self._source.options, session.source])
         self._source.set_value(session.source)
-        self._name.set_text("" if session.design.name == session.source else session.design.name)
+        name = "" if session.design.name == session.source else session.design.name
+        self._name.set_text(name)
+        self._name.props["title"] = name  # where there is no room for all of it
         self._undo.set_enabled(session.can_undo)
         self._redo.set_enabled(session.can_redo)
         self._pin.set_text("pin" if session.pin is None else "unpin")

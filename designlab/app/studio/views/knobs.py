@@ -92,7 +92,7 @@ class Knobs:
         for rule, margin in broken.items():
             path = next((p for p in RULE_FIELDS[rule] if p in there), None)
             if path is not None:
-                told.setdefault(path, []).append(f"{RULES[rule]}: by {margin:.2g} mm not so")
+                told.setdefault(path, []).append(f"{RULES[rule]}; violated by {margin:.2g} mm")
         for path, row in self._rows.items():
             row.violated("; ".join(told.get(path, ())))
         for key, box in self._boxes.items():
@@ -164,7 +164,8 @@ class Row:
         if ends is not None and control.value is not None:
             low, high, step = ends
             self._slider = ui.slider(min=low, max=high, step=step, value=control.value)
-            self._slider.props(f"dense {spoken}").classes("slider")
+            # The entry beside it does the same from the keyboard.
+            self._slider.props(f"dense tabindex=-1 {spoken}").classes("slider")
             self._slider.on_value_change(self._slid)
             self._slider.on("change", lambda: self._turn(self._slider.value, False))
         entry = ui.input(value=self._shown(control), placeholder=OFF if control.optional else "")
@@ -237,5 +238,5 @@ def fields_wrong(broken: Mapping[str, float]) -> str:
         return ""
     rules = "1 rule is" if len(broken) == 1 else f"{len(broken)} rules are"
     return f"{rules} broken: " + "; ".join(
-        f"{RULES[rule]} (by {margin:.2g} mm not so)" for rule, margin in broken.items()
+        f"{RULES[rule]} (violated by {margin:.2g} mm)" for rule, margin in broken.items()
     )

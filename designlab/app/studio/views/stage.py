@@ -83,6 +83,8 @@ class Stage:
         caption = found.step
         if math.isfinite(found.grain):
             caption += f"; grain {found.grain:.1%} of the light"
+        elif found.step.startswith("coarse"):
+            caption += "; grain is that of few photons"
         if found.note:
             caption += f". {found.note}"
         payload = {
