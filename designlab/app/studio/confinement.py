@@ -31,7 +31,7 @@ def inside(root: Path, name: str) -> Path:
     except (OSError, ValueError, RuntimeError):
         raise OutsideFolder(f"{name[:80]!r}: is no path") from None
     if not found.is_relative_to(root):
-        raise OutsideFolder(f"{name[:80]!r}: lies outside the folder of the studio; choose a name within it")
+        raise OutsideFolder(f"{name[:80]!r}: lies outside the folder that the studio was started in")
     return found
 
 

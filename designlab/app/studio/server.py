@@ -92,6 +92,8 @@ def serve(opened: Opened, *, host: str = LOCAL, port: int = 0) -> str:
 
     Raises
     ------
+    ValueError
+        If the host is no address.
     OSError
         If nothing can listen there.
     """
@@ -122,6 +124,11 @@ def _listen(host: str, port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
+    except socket.gaierror as error:
+        found.close()
+        raise ValueError(
+            f"--host: must be an address of this machine, got {host!r}: {error.strerror}"
+        ) from None
     except OSError as error:
         found.close()
         raise OSError(

@@ -154,7 +154,7 @@ def test_names_that_lead_out_or_hold_scripts_do_nothing(page, studio):
     script = "<img src=x onerror=alert(1)>"
     (studio.folder / f"{script}.toml").touch()
     tab = page(f"?design=../../etc/passwd&view={script}")
-    tab.get_by_text("lies outside the folder").wait_for()
+    tab.get_by_text("lies outside the folder").first.wait_for()
     tab.click("#save")
     for name in ("../out", "a/../../out", script, ""):
         tab.get_by_label("file name").fill(name)
@@ -189,6 +189,7 @@ def test_a_worker_that_dies_is_started_again_and_the_page_says_so(page, studio):
     assert studio.children() not in ([], [worker])
 
 
+@pytest.mark.full
 def test_a_picture_that_is_dropped_gives_its_relief(page):
     tab = page()
     tab.wait_for_function(FULL, timeout=PICTURE_MS)

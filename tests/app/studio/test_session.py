@@ -2,6 +2,7 @@
 
 import pytest
 
+from designlab.app import cli
 from designlab.app.studio.opened import opened
 from designlab.app.studio.pictures import light_key
 from designlab.app.studio.session import NotAllowed, Session, pinned, read_press, usual_press
@@ -230,6 +231,26 @@ def test_what_is_opened_is_told_from_what_lies_there(tmp_path):
     assert opened("mine.toml", tmp_path).address == Address(design="mine.toml")
     assert opened("study", tmp_path).address == Address(view="study", folder="study")
     assert opened(str(tmp_path / "gap"), tmp_path).address == Address(view="gap", folder="gap")
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["absent.toml"], "absent.toml: no such file"),
+        (["/"], "outside the folder that the studio was started in"),
+        (["empty"], "holds neither a study"),
+        (["--port", "http"], "--port"),
+        (["--host", "no such host", "--port", "0"], "--host: must be an address of this machine"),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_told_in_a_line(tmp_path, monkeypatch, capsys, arguments, told):
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["studio", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert len(said.strip().splitlines()) == 1
 
 
 @pytest.mark.faults

@@ -47,7 +47,7 @@ class Stage:
                 flick.on("click", js_handler=FLICK)
             self._compare.set_visibility(False)
         ui.html(STAGE, sanitize=False).classes("stage-box")
-        with ui.element("div").classes("maps"):
+        with ui.element("div").classes("maps") as self._maps:
             with ui.element("div"):
                 self._map("map-height", "height, reconstructed")
                 with ui.element("div").classes("scale"):
@@ -56,6 +56,7 @@ class Stage:
                     self._high = ui.label("")
             self._map("map-normals", "normals, reconstructed")
             self._read = ui.label("").classes("facts read").props('id="relief-facts"')
+        self._maps.set_visibility(False)
 
     def _map(self, name: str, title: str) -> None:
         picture = (
@@ -102,6 +103,7 @@ class Stage:
 
     def relief(self, client: Any, found: Relief) -> None:
         """Show what was read off the press."""
+        self._maps.set_visibility(True)
         call(client, "map", "map-height", source(found.height), "height of the membrane, reconstructed")
         call(client, "map", "map-normals", source(found.normals), "normals of the membrane, reconstructed")
         self._low.set_text(f"{found.low_mm:.2f}")
