@@ -16,8 +16,8 @@ from designlab.report.live_maps import scale_css
 LANE = "upload"
 BY_DESIGN = "the light of the design"
 HOW = (
-    "Drop a picture of a press. A background, the gel at rest, makes it better. With a calibration "
-    "(designlab calibrate --balls) neither counts on the design."
+    "Drop a picture of a press. A background, the gel at rest, makes it better. A calibration "
+    "(designlab calibrate --balls) needs no design."
 )
 
 
