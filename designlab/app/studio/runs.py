@@ -15,6 +15,7 @@ COMMAND = (
     "study",
     "run",
 )
+INTERRUPTED = 130  # exit status of a command that was interrupted
 LAST_BYTES = 4000
 END_S = 10.0
 
@@ -51,11 +52,11 @@ class Runs:
             self._runs[folder][0].send_signal(signal.SIGINT)
 
     def said(self, folder: Path) -> str:
-        """Last line of a run that has ended; empty where it was done or none has."""
+        """Last line of a run that has failed; empty where none has, paused ones included."""
         if folder not in self._runs or self.running(folder):
             return ""
         process, log = self._runs[folder]
-        if process.returncode == 0:
+        if process.returncode in (0, INTERRUPTED):
             return ""
         with contextlib.suppress(OSError, ValueError):
             log.seek(0, 2)

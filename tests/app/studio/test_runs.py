@@ -15,6 +15,8 @@ folder = Path(sys.argv[1])
 try:
     while not (folder / "done").exists():
         time.sleep(0.02)
+        if (folder / "wrong").exists():
+            sys.exit("designlab: study.toml: wrong")
 except KeyboardInterrupt:
     print("interrupted; to resume: the same command", file=sys.stderr)
     sys.exit(130)
@@ -46,13 +48,21 @@ def test_a_run_is_started_once_paused_and_gone_on_with(started, tmp_path, count)
     first = folders[0]
     started.pause(first)
     until(lambda: not started.running(first), "the run has ended")
-    assert "interrupted" in started.said(first)
+    assert started.said(first) == ""
     assert all(started.running(folder) for folder in folders[1:])
     (first / "begun").unlink()
     begin(started, first)
     (first / "done").touch()
     until(lambda: not started.running(first), "the run is done")
     assert started.said(first) == ""
+
+
+@pytest.mark.faults
+def test_why_a_run_has_failed_is_said(started, tmp_path):
+    begin(started, tmp_path)
+    (tmp_path / "wrong").touch()
+    until(lambda: not started.running(tmp_path), "the run has ended")
+    assert started.said(tmp_path) == "designlab: study.toml: wrong"
 
 
 def test_the_end_of_the_studio_interrupts_its_runs(started, tmp_path):
