@@ -8,8 +8,10 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 COOKIE = "designlab-studio"
+MOST_BYTES = 22_000_000  # of a request: the largest picture, and what is around it
 LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 REFUSED = b"403: open the address that designlab studio printed when it started; it holds the token.\n"
+TOO_LARGE = b"413: a picture of at most 20 MB is taken.\n"
 FOREIGN = b"403: the studio answers requests of its own pages on this machine alone.\n"
 
 Scope = MutableMapping[str, Any]
@@ -52,6 +54,10 @@ class Guard:
         headers = {
             name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]
         }
+        length = headers.get("content-length", "0")
+        if not length.isdecimal() or int(length) > MOST_BYTES:
+            await _refuse(scope, send, TOO_LARGE, status=413)
+            return
         if not self._own_origin(headers):
             await _refuse(scope, send, FOREIGN)
             return
@@ -95,10 +101,12 @@ def _cookie(header: str) -> str:
     return "" if found is None else found.value
 
 
-async def _refuse(scope: Scope, send: Callable[..., Awaitable[None]], text: bytes) -> None:
+async def _refuse(
+    scope: Scope, send: Callable[..., Awaitable[None]], text: bytes, *, status: int = 403
+) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", b"%d" % len(text))]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": text})

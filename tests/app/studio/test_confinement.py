@@ -104,6 +104,13 @@ def test_a_name_that_was_made_to_lead_here_is_refused(host):
 
 
 @pytest.mark.faults
+@pytest.mark.parametrize("length", ["22000001", "1e3", "-5", "99999999999999999999"])
+def test_a_request_that_is_too_large_is_refused_unread(length):
+    assert answers(Guard(Inner(), None), **{"content-length": length})[0] == 413
+    assert answers(Guard(Inner(), None), **{"content-length": "20000000"})[0] == 200
+
+
+@pytest.mark.faults
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_a_foreign_page_is_refused(kind):
     found = answers(Guard(Inner(), None), kind=kind, origin="http://evil.example")[0]
