@@ -102,7 +102,7 @@ def main() -> int:
                 for part in parts:
                     if part in found:
                         results.setdefault(f"{kind}, {part}", []).append(found[part])
-                results.setdefault(f"{kind}, worker cpu (s)", []).append(found["cpu_s"])
+                results.setdefault(f"{kind}, cpu with what follows (s)", []).append(found["cpu_s"])
 
             emit = "emitEvent('studio_touch', {place: [%.3f, %.3f], going_on: true})"
             wide = "!each[1].startsWith('coarse')"
@@ -137,7 +137,7 @@ def main() -> int:
     for kind, row in rows.items():
         unit = "s" if "cpu" in kind else "ms"
         print(
-            f"{kind:28} median {row['median']:8.3g} {unit}  95 % {row['p95']:8.3g} {unit}  n={row['events']}"
+            f"{kind:36} median {row['median']:8.3g} {unit}  95 % {row['p95']:8.3g} {unit}  n={row['events']}"
         )
     print(f"press, first against full: {100 * np.median(errors):.2f} % RMS (target 3 %)")
     print("targets on two quiet cores: " + "; ".join(f"{k}: {v}" for k, v in TARGETS.items()))
