@@ -153,12 +153,12 @@ def tone_map(linear: NDArray[Any], white: float | None = None) -> NDArray[np.uin
     return np.asarray(np.round(255 * to_srgb(np.clip(linear / white, 0.0, 1.0))), dtype=np.uint8)
 
 
-def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
-    """An 8-bit picture, (rows, columns, 3), as the bytes of a PNG file."""
+def png_bytes(pixels: NDArray[np.uint8], *, compression: int = 6) -> bytes:
+    """An 8-bit picture, (rows, columns, 3), as the bytes of a PNG file; levels of compression run to 9."""
     from PIL import Image
 
     written = io.BytesIO()
-    Image.fromarray(pixels).save(written, "PNG")
+    Image.fromarray(pixels).save(written, "PNG", compress_level=compression)
     return written.getvalue()
 
 

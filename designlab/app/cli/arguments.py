@@ -106,6 +106,21 @@ def parser() -> argparse.ArgumentParser:
     _add_study(add)
     _add_tolerance(add)
     _add_gap(add)
+    studio = add(
+        "studio",
+        "designlab.app.cli.studio:studio",
+        "live page in the browser: turn a knob, see what the sensor sees",
+    )
+    _option(
+        studio,
+        "thing DESIGN",
+        "preset name or TOML file; or the folder of a study or a diagnosis (default: %(default)s)",
+        nargs="?",
+        default=_PRESET,
+    )
+    local = "address to listen on; another one than this machine's own asks for a token, which is printed"
+    _option(studio, "--host HOST", local, default="127.0.0.1")
+    _option(studio, "--port PORT", "0 takes a free one", type=_whole(0, 65535), default=8421)
     reproduce = add(
         "reproduce",
         "designlab.app.cli.reproduce:reproduce",

@@ -14,6 +14,7 @@ from designlab.app.cli.arguments import UsageError
 from designlab.core.images import read_picture
 from designlab.core.progress import bar
 from designlab.core.store import digest
+from designlab.measurement.importing.conversion import decoded
 from designlab.reconstruction.calibration_file import Kept, load_calibration, save_calibration
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
 
@@ -214,17 +215,3 @@ def _response(args: Namespace, files: Sequence[Path]) -> dict[str, Any]:
     if isinstance(curve, Response):
         return curve.model_dump(mode="json")
     return {"encoded": curve.encoded.tolist(), "linear": curve.linear.tolist()}
-
-
-def decoded(picture: NDArray[Any], response: dict[str, Any] | None) -> NDArray[Any]:
-    """Linear values of a picture, by a curve as plain data; as they are without one."""
-    from designlab.measurement.importing.ladder import Tabulated
-    from designlab.sensor.response_curve import Response
-
-    if response is None:
-        return picture
-    if "encoded" in response:
-        curve: Tabulated | Response = Tabulated(np.array(response["encoded"]), np.array(response["linear"]))
-    else:
-        curve = Response.model_validate(response)
-    return np.asarray(curve.decode(picture), dtype=np.float32)

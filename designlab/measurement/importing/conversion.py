@@ -4,8 +4,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from designlab.core.image_files import ImageError
 from designlab.core.types import Array, Mask
@@ -169,6 +171,17 @@ def linear_picture(file: CameraFile, conversion: Conversion) -> tuple[Array, Mas
         picture = superpixels(picture[..., 0], pattern)
         saturated = np.asarray(superpixels(saturated.astype(float), pattern).max(axis=-1) > 0)
     return picture, saturated
+
+
+def decoded(picture: NDArray[Any], response: Mapping[str, Any] | None) -> NDArray[Any]:
+    """Linear values of a picture, by a curve as plain data; as they are without one."""
+    if response is None:
+        return picture
+    if "encoded" in response:
+        curve: Tabulated | Response = Tabulated(np.array(response["encoded"]), np.array(response["linear"]))
+    else:
+        curve = Response.model_validate(response)
+    return np.asarray(curve.decode(picture), dtype=np.float32)
 
 
 def uncoloured(picture: Array, matrix: Array) -> Array:

@@ -29,9 +29,15 @@ class RenderSession:
     """Keeps what is costly to make, a few designs of it, and writes light fields to the cache on disk.
 
     Files are written by a thread of the session's own, for which the interpreter waits before it ends.
+
+    Attributes
+    ----------
+    least_written : int
+        Samples from which light fields are written: who bakes many drafts would fill the cache with them.
     """
 
     def __init__(self) -> None:
+        self.least_written = 0
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
         self._written: dict[str, Future[None]] = {}
         self._fields: dict[str, list[LightField]] = {}
@@ -102,10 +108,11 @@ class RenderSession:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             seeds = (2 * seed, 2 * seed + 1)
             halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds, like=like)
-            # Presses are shaded meanwhile.
-            folder = store.cache_dir() / "arrays"
-            packed = lightfield.packed(halves)
-            _kept(self._written, key, lambda: self._writer.submit(_write, key, packed, folder))
+            if samples >= self.least_written:
+                # Presses are shaded meanwhile.
+                folder = store.cache_dir() / "arrays"
+                packed = lightfield.packed(halves)
+                _kept(self._written, key, lambda: self._writer.submit(_write, key, packed, folder))
             return halves
 
         return _kept(self._fields, key, made)

@@ -1,0 +1,30 @@
+"""Which fields of a design each geometric rule is about: beside these its margin is shown."""
+
+RULE_FIELDS: dict[str, tuple[str, ...]] = {
+    "leds_inside_housing": ("leds.radius_mm", "housing.inner_radius_mm"),
+    "leds_below_plate": ("leds.height_mm", "housing.top_mm"),
+    "leds_above_membrane": ("leds.height_mm", "leds.tilt_deg"),
+    "leds_clear_of_core": ("leds.radius_mm", "leds.height_mm", "gelcore.width_mm", "leds.coupling"),
+    "leds_clear_of_each_other": ("leds.pitch_mm", "leds.radius_mm"),
+    "leds_outside_view": ("leds.radius_mm", "leds.height_mm", "sensing_area_mm"),
+    "core_inside_housing": ("gelcore.width_mm", "housing.inner_radius_mm"),
+    "core_below_plate": ("gelcore.height_mm", "housing.top_mm"),
+    "elastomer_on_core": ("elastomer.width_mm", "gelcore.width_mm"),
+    "core_sides": ("gelcore.draft_deg", "gelcore.height_mm"),
+    "core_radius": ("gelcore.radius_mm", "gelcore.width_mm"),
+    "core_height": ("gelcore.height_mm", "gelcore.radius_mm"),
+    "cavity_in_core": ("gelcore.cavity_radius_mm", "gelcore.height_mm"),
+    "dome_radius": ("elastomer.radius_mm", "elastomer.width_mm"),
+    "dome_core": ("elastomer.radius_mm", "gelcore.radius_mm", "elastomer.thickness_mm"),
+    "sensing_area_on_membrane": ("sensing_area_mm", "elastomer.width_mm", "elastomer.length_mm"),
+    "camera_sees_membrane": ("camera.horizontal_fov_deg", "camera.position_mm", "sensing_area_mm"),
+    "camera_above_core": ("camera.position_mm", "gelcore.height_mm"),
+    "camera_clears_plate": ("camera.body_radius_mm", "housing.camera_hole_mm"),
+    "view_through_window": ("gelcore.window_diameter_mm", "camera.position_mm"),
+    "view_through_plate": ("housing.camera_hole_mm", "camera.position_mm"),
+    "mirror_fills_view": ("camera.position_mm", "sensing_area_mm"),
+    "mirror_above_core": ("camera.position_mm", "gelcore.height_mm"),
+    "minimum_wall": ("housing.wall_mm",),
+    "minimum_gel": ("elastomer.thickness_mm",),
+}
+"""Fields by rule of `designlab.sensor.feasibility.RULES`, the likeliest first."""

@@ -1,0 +1,58 @@
+"""The sensor in three dimensions: parts, LEDs and the camera's view, to be turned by hand."""
+
+import base64
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+WIDTH_PX, HEIGHT_PX = 296, 260
+FAR = 1.45  # of the camera, in heights of the sensor
+NO_WEBGL = "This browser has no WebGL: the sensor is not drawn."
+HAS_WEBGL = "!!document.createElement('canvas').getContext('webgl2')"
+
+
+class Sensor3d:
+    """A view of the sensor that is turned with the mouse."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._scene: Any = None
+        self._drawn: Any = None
+        self._asked = False
+        with ui.element("section").props('aria-label="Sensor"').style("width: 100%"):
+            ui.label("Sensor").classes("heading").props('role="heading" aria-level="2"')
+            self._box = ui.element("div").classes("model")
+            self._words = ui.label("The drawing follows.").classes("note").props('id="model-state"')
+
+    async def _begin(self) -> bool:
+        if self._asked:
+            return self._scene is not None
+        self._asked = True
+        if not await self._client.run_javascript(HAS_WEBGL, timeout=10.0):
+            self._words.set_text(NO_WEBGL)
+            return False
+        with self._box:
+            self._scene = ui.scene(
+                width=WIDTH_PX, height=HEIGHT_PX, grid=False, background_color="#dfe3ea", show_stats=False
+            )
+        return True
+
+    def show(self, glb: bytes, height_mm: float) -> None:
+        """Show a model, binary glTF, of so high a sensor."""
+        background_tasks.create(self._show(glb, height_mm), name="sensor model")
+
+    async def _show(self, glb: bytes, height_mm: float) -> None:
+        with self._client:
+            if not await self._begin():
+                return
+            source = "data:model/gltf-binary;base64," + base64.b64encode(glb).decode()
+            before = self._drawn
+            if before is None:
+                far = height_mm * FAR
+                middle = {"look_at_x": 0, "look_at_y": 0, "look_at_z": height_mm / 2}
+                self._scene.move_camera(x=0.4 * far, y=-0.9 * far, z=1.1 * far, duration=0, **middle)
+            with self._scene:
+                self._drawn = self._scene.gltf(source)
+            if before is not None:
+                before.delete()
+            self._words.set_text("drag to turn, wheel to come nearer")

@@ -1,0 +1,189 @@
+"""The worker process: one render session that answers the jobs of all tabs, the newest first."""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+from designlab.app.studio.messages import (
+    ExportJob,
+    GapJob,
+    ModelJob,
+    PictureJob,
+    Reply,
+    Request,
+    Rest,
+    ScoreJob,
+    StudyJob,
+    UploadJob,
+)
+from designlab.app.studio.newest import NewestQueue, Task
+
+FORGET = "forget"
+"""Message with the name of a tab that was closed."""
+
+Waits = Callable[[], bool]
+Steps = Iterator[Any]
+
+
+def main(pipe: "Connection[Any, Any]") -> None:
+    """Answer jobs until the page's process has ended.
+
+    Parameters
+    ----------
+    pipe : Connection
+        Requests come from it, replies go into it.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the page's process, which ends this one
+    queue = NewestQueue()
+    threading.Thread(target=_listen, args=(pipe, queue), daemon=True).start()
+    handlers = Handlers()
+    while True:
+        task = queue.take()
+        if task is not None:
+            _step(task, queue, pipe, handlers)
+
+
+def _listen(pipe: "Connection[Any, Any]", queue: NewestQueue) -> None:
+    """Put what comes into the queue; leave when nobody is there any more."""
+    while True:
+        try:
+            message = pipe.recv()
+        except (EOFError, OSError):
+            os._exit(0)
+        if isinstance(message, Request):
+            key = message.client, message.lane
+            queue.put(Task(key, message.number, message, priority=message.priority))
+        elif message[0] == FORGET:
+            queue.drop(partial(_belongs, client=message[1]))
+
+
+def _belongs(key: Any, *, client: str) -> bool:
+    return bool(key[0] == client)
+
+
+def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers: "Handlers") -> None:
+    """Do one step of a task and tell; the task goes back into the queue unless it is done."""
+    from designlab.app.studio.scoring import Superseded
+
+    request: Request = task.work
+    try:
+        if task.state is None:
+            task.state = handlers.steps(request.job, lambda: queue.better_waits(task))
+        content = next(task.state)
+    except StopIteration:
+        _tell(pipe, request, last=True)
+        return
+    except Superseded:
+        task.state = None  # begins anew when nothing better waits
+        queue.put(task)
+        return
+    except Exception as error:
+        _tell(pipe, request, error=reason(error), last=True)
+        return
+    if queue.superseded(task):
+        return
+    if isinstance(content, Rest):
+        task.ready_at = time.monotonic() + content.seconds
+    else:
+        _tell(pipe, request, content=content)
+        task.steps += 1
+    queue.put(task)
+
+
+def _tell(pipe: "Connection[Any, Any]", request: Request, **told: Any) -> None:
+    reply = Reply(request.client, request.lane, request.number, request.digest, **told)
+    with contextlib.suppress(BrokenPipeError, OSError):
+        pipe.send(reply)
+
+
+def reason(error: Exception) -> str:
+    """What to say of a failure: our own words, or that it is a defect."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    raised_in = str(frames[-1].f_globals.get("__name__", "")) if frames else ""
+    module = type(error).__module__
+    if module.startswith(("designlab", "geometries")) or raised_in.startswith(("designlab", "geometries")):
+        return text
+    if isinstance(error, OSError):
+        return error.strerror or text
+    return f"a defect of designlab: {type(error).__name__}: {text} ({raised_in})"
+
+
+class Handlers:
+    """What answers each kind of job; heavy packages are imported with the first job that needs them."""
+
+    def __init__(self) -> None:
+        self._bench: Any = None
+        self._gaps: Any = None
+
+    def steps(self, job: Any, waits: Waits) -> Steps:
+        """Steps of the answer to a job."""
+        match job:
+            case PictureJob():
+                return self._pictures(job)
+            case ScoreJob():
+                return self._scores(job, waits)
+            case ModelJob():
+                return self._model(job)
+            case ExportJob():
+                return self._export(job)
+            case StudyJob():
+                return self._study(job)
+            case GapJob():
+                return self._gap(job)
+            case UploadJob():
+                return self._upload(job)
+        raise TypeError(f"no handler of {type(job).__name__}")
+
+    @property
+    def bench(self) -> Any:
+        """What pictures are made on."""
+        if self._bench is None:
+            from designlab.app.studio.pictures import Bench
+
+            self._bench = Bench()
+        return self._bench
+
+    def _pictures(self, job: PictureJob) -> Steps:
+        from designlab.app.studio.pictures import steps
+
+        yield from steps(self.bench, job)
+
+    def _scores(self, job: ScoreJob, waits: Waits) -> Steps:
+        from designlab.app.studio.scoring import scored
+
+        yield scored(job.design, waits)
+
+    def _model(self, job: ModelJob) -> Steps:
+        from designlab.report.view3d.model import glb
+
+        yield glb(job.design)
+
+    def _export(self, job: ExportJob) -> Steps:
+        from designlab.fabrication import export
+
+        manifest = export(job.design, job.out)
+        yield {"files": len(manifest["files"]), "warnings": list(manifest["warnings"])}
+
+    def _study(self, job: StudyJob) -> Steps:
+        from designlab.app.studio.studies import state
+
+        yield state(job)
+
+    def _gap(self, job: GapJob) -> Steps:
+        from designlab.app.studio.gaps import Gaps
+
+        self._gaps = self._gaps or Gaps()
+        yield from self._gaps.steps(job)
+
+    def _upload(self, job: UploadJob) -> Steps:
+        from designlab.app.studio.uploads import relief
+
+        yield relief(self.bench, job)

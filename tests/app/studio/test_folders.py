@@ -1,0 +1,118 @@
+"""Studies and diagnoses in the studio."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from designlab.core.images import write_image
+from designlab.optimization.study import load_results
+from designlab.sensor.camera import View
+from designlab.sensor.design import load, preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.simulator import Simulator, automatic_exposure
+from tests import ROOT
+from tests.helpers.studies import make, run
+from tests.helpers.studio import PICTURE_MS, Studio, pages
+
+pytestmark = [pytest.mark.renders, pytest.mark.slow]
+DIAGNOSIS = ROOT / "tests" / "regression" / "written_before" / "diagnosis"
+NAME = "gelsight-2020-flat"
+MEASUREMENT = f"""
+name = "gelsight-2020-flat, generated"
+sensor = "{NAME}"
+response = "linear"
+[[frame]]
+file = "background.exr"
+kind = "background"
+[[frame]]
+file = "press.exr"
+kind = "press"
+probe = "sphere:4.0"
+depth_mm = 0.6
+centre_mm = [1.0, -1.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A finished study, and a diagnosis beside its measurement: vignetting that the model lacks."""
+    found = tmp_path_factory.mktemp("studio")
+    run(make(trials=4), found / "study")
+    shutil.copytree(DIAGNOSIS, found / "diagnosis")
+    measurement = found / "measurement"
+    measurement.mkdir()
+    (measurement / "measurement.toml").write_text(MEASUREMENT)
+    design = preset(NAME)
+    camera = design.camera
+    model = SensorModel(
+        design=design, effects=(AppliedEffect(name="vignetting", values={"corner_loss": 0.5}),)
+    )
+    view = View(0.0, 0.0, camera.width_px, camera.height_px, 64, 48)
+    simulator = Simulator(model, view=view, samples=16, seed=3)
+    scale = automatic_exposure(simulator.frame(None).mixed)
+    press = Press(probe="sphere:4", depth_mm=0.6, centre_mm=(1.0, -1.0))
+    for name, what in (("background", None), ("press", press)):
+        write_image(measurement / f"{name}.exr", np.asarray(scale * simulator.frame(what).mixed))
+    return found
+
+
+@pytest.fixture(scope="module")
+def studio(folder):
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
+    found = Studio(folder, "diagnosis", "--port", "0")
+    yield found
+    assert found.stop() == 0
+
+
+@pytest.fixture
+def page(studio):
+    with pages(studio) as opened:
+        yield opened
+
+
+def settled(tab):
+    tab.wait_for_function(
+        "document.getElementById('gap-state').textContent.startsWith('Brightness')", timeout=PICTURE_MS
+    )
+
+
+def residuals(tab):
+    """Root mean square of the residual as given and with effects, percent."""
+    words = tab.inner_text("#gap-rms").replace("%", "").split()
+    return [float(word) for word in words if word.replace(".", "").isdigit()]
+
+
+def test_a_gap_is_flicked_and_its_effect_switched_off(page):
+    tab = page("", picture=False)  # what the studio was opened with
+    settled(tab)
+    before, after = residuals(tab)
+    assert after < 0.8 * before
+    seen = set()
+    for key in "123":
+        tab.keyboard.press(key)
+        tab.wait_for_timeout(400)
+        seen.add(tab.get_attribute("#gap-picture", "src"))
+    assert len(seen) == 3
+    tab.locator('[data-effect="vignetting"]').click()
+    tab.wait_for_function(
+        "document.getElementById('gap-rms').textContent.split('%')[0].split(' ').pop() === "
+        "document.getElementById('gap-rms').textContent.split('%')[1].split(' ').pop()",
+        timeout=PICTURE_MS,
+    )
+
+
+def test_a_trial_of_a_study_is_put_on_the_bench(page, folder):
+    tab = page("?view=study&folder=study", picture=False)
+    tab.get_by_text("4 of 4 designs evaluated").wait_for(timeout=PICTURE_MS)
+    tab.locator("#front .js-plotly-plot").wait_for(timeout=PICTURE_MS)
+    row = tab.locator("tbody tr").first
+    trial = int(row.locator("td").first.inner_text())
+    row.click()
+    wanted = load(folder / "study" / "trials" / f"{trial:04d}" / "design.toml")
+    assert wanted.digest == load_results(folder / "study").design(trial).digest
+    tab.wait_for_function(
+        f"document.getElementById('picture-now').dataset.digest === {wanted.digest!r}", timeout=PICTURE_MS
+    )
+    assert f"trials/{trial:04d}/design.toml" in tab.url

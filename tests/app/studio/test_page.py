@@ -1,0 +1,232 @@
+"""The studio in a browser."""
+
+import base64
+import os
+import signal
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+from designlab.sensor.design import load, preset
+from tests.helpers.studio import FULL, PICTURE_MS, Studio, pages
+
+pytestmark = [pytest.mark.renders, pytest.mark.slow]
+NAME = "gelsight-2020-flat"  # in air, which is quick
+STALE = "document.getElementById('stage').classList.contains('stale')"
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
+    folder = tmp_path_factory.mktemp("studio")
+    found = Studio(folder, NAME, "--port", "0")
+    yield found
+    assert found.stop() == 0
+    assert "Traceback" not in "\n".join(found.lines)
+
+
+@pytest.fixture
+def page(studio):
+    with pages(studio) as opened:
+        yield opened
+
+
+def digest(tab):
+    return tab.get_attribute("#picture-now", "data-digest")
+
+
+def turn(tab, path, value):
+    """Write a value into a field of the design."""
+    entry = tab.locator(f'[data-path="{path}"] input').last
+    entry.fill(str(value))
+    entry.press("Enter")
+
+
+def new_picture(tab, before):
+    """Wait for a picture of another design."""
+    tab.wait_for_function(
+        f"document.getElementById('picture-now').dataset.digest !== {before!r} && !{STALE}",
+        timeout=PICTURE_MS,
+    )
+
+
+def test_an_led_that_is_moved_changes_the_picture_and_undo_brings_it_back(page):
+    tab = page()
+    before = digest(tab)
+    assert before == preset(NAME).digest
+    picture = tab.get_attribute("#picture-now", "src")
+    turn(tab, "leds.height_mm", preset(NAME).leds.height_mm + 1)
+    new_picture(tab, before)
+    assert tab.get_attribute("#picture-now", "src") != picture
+    assert "set=leds.height_mm" in tab.evaluate(
+        "() => new Promise(done => setTimeout(() => done(location.href), 1500))"
+    )
+    moved = digest(tab)
+    tab.click("#undo")
+    new_picture(tab, moved)
+    assert digest(tab) == before
+
+
+def test_the_probe_is_dragged_pushed_and_moved_by_keys(page):
+    tab = page()
+    x = tab.get_by_label("x (mm)")
+    before = int(tab.get_attribute("#picture-now", "data-request"))
+    box = tab.locator("#pictures").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.mouse.move(*middle)
+    tab.mouse.down()
+    for step in range(1, 6):
+        tab.mouse.move(middle[0] + 20 * step, middle[1] - 5 * step)
+    tab.mouse.up()
+    tab.wait_for_function(
+        f"+document.getElementById('picture-now').dataset.request > {before}", timeout=PICTURE_MS
+    )
+    moved = float(x.input_value())
+    assert moved > 1.0
+    assert float(tab.get_by_label("y (mm)").input_value()) > 0.2
+    tab.locator("#pictures").focus()
+    tab.keyboard.press("Shift+ArrowLeft")
+    tab.wait_for_function(
+        f"Math.abs(document.querySelector('[aria-label=\"x (mm)\"]').value - {moved - 1}) < 0.01"
+    )
+    depth = float(tab.get_by_label("depth (mm)").input_value())
+    tab.keyboard.press("+")
+    tab.wait_for_function(f"document.querySelector('[aria-label=\"depth (mm)\"]').value > {depth}")
+    assert digest(tab) == preset(NAME).digest
+
+
+def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):
+    tab = page("?design=default")
+    turn(tab, "leds.radius_mm", 25)
+    wrong = tab.locator('[data-path="leds.radius_mm"] .wrong')
+    wrong.filter(has_text="every LED body lies inside the housing").wait_for()
+    assert "rule" in tab.inner_text("#banner")
+    turn(tab, "leds.radius_mm", "wide")
+    wrong.filter(has_text="must be a number").wait_for()
+    turn(tab, "leds.radius_mm", -3)
+    wrong.filter(has_text="greater than 0").wait_for()
+    tab.click("#undo")
+    tab.wait_for_function("!document.getElementById('banner').offsetParent")
+    assert wrong.inner_text() == ""
+
+
+def test_a_pinned_design_is_shown_beside_the_present_one_and_a_mixed_one_at_once(page):
+    tab = page()
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    tab.click("#pin")
+    tab.wait_for_function("!document.getElementById('picture-pinned').hidden", timeout=PICTURE_MS)
+    before = digest(tab)
+    tab.get_by_text("LED group red").click()
+    turn(tab, "leds.groups.0.flux_mw", preset(NAME).leds.groups[0].flux_mw / 2)
+    new_picture(tab, before)
+    # Light is only mixed again: the first picture is a full one.
+    assert tab.get_attribute("#picture-now", "data-step") == "full light"
+    assert tab.get_attribute("#picture-pinned", "data-digest") == before
+    shares = []
+    for _ in range(2):
+        tab.click("#flick")
+        shares.append(tab.evaluate("document.getElementById('stage').style.getPropertyValue('--wipe')"))
+    assert set(shares) == {"0%", "100%"}
+
+
+def test_a_design_is_saved_opened_again_and_a_reload_loses_nothing(page, studio):
+    tab = page("?design=default&set=leds.height_mm=6.5&probe=star:5&depth_mm=0.3&at=1,2")
+    wanted = preset("default").replace({"leds.height_mm": 6.5})
+    assert digest(tab) == wanted.digest
+    tab.click("#save")
+    tab.get_by_label("file name").fill("higher")
+    tab.get_by_label("comment").fill("LEDs 0.5 mm higher")
+    tab.click("#save-now")
+    tab.get_by_text("higher.toml written").wait_for()
+    saved = load(studio.folder / "higher.toml")
+    assert (saved.digest, saved.parent) == (wanted.digest, "default")
+    assert saved.description == "LEDs 0.5 mm higher"
+    tab.wait_for_url("**design=higher.toml*")
+    tab.reload()
+    tab.wait_for_function("document.getElementById('picture-now')?.dataset.digest", timeout=PICTURE_MS)
+    assert digest(tab) == wanted.digest
+
+
+@pytest.mark.faults
+def test_names_that_lead_out_or_hold_scripts_do_nothing(page, studio):
+    script = "<img src=x onerror=alert(1)>"
+    (studio.folder / f"{script}.toml").touch()
+    tab = page(f"?design=../../etc/passwd&view={script}")
+    tab.get_by_text("lies outside the folder").first.wait_for()
+    tab.click("#save")
+    for name in ("../out", "a/../../out", script, ""):
+        tab.get_by_label("file name").fill(name)
+        tab.click("#save-now")
+        tab.locator(".q-dialog .wrong").filter(has_text="name: must be").wait_for()
+    tab.keyboard.press("Escape")
+    assert not list(studio.folder.parent.glob("out*"))
+    tab.goto(f"{studio.address}?design={script}&set=parts=%22/etc/passwd%22")
+    tab.wait_for_function("document.getElementById('picture-now')?.dataset.digest", timeout=PICTURE_MS)
+    assert tab.evaluate("document.querySelectorAll('img[onerror]').length") == 0
+
+
+def test_two_tabs_are_independent(page):
+    first, second = page("?design=default"), page("?design=default")
+    before = digest(first)
+    turn(first, "leds.tilt_deg", 12)
+    new_picture(first, before)
+    assert digest(second) == before
+    assert "set=" not in second.url
+
+
+@pytest.mark.faults
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_worker_that_dies_is_started_again_and_the_page_says_so(page, studio):
+    tab = page()
+    before = digest(tab)
+    (worker,) = studio.children()
+    os.kill(worker, signal.SIGKILL)
+    tab.get_by_text("was started again").wait_for(timeout=PICTURE_MS)
+    turn(tab, "leds.height_mm", preset(NAME).leds.height_mm + 0.5)
+    new_picture(tab, before)
+    assert studio.children() not in ([], [worker])
+
+
+@pytest.mark.full
+def test_a_picture_that_is_dropped_gives_its_relief(page):
+    tab = page()
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    png = base64.b64decode(tab.get_attribute("#picture-now", "src").partition(",")[2])
+    tab.get_by_role("tab", name="Reconstruct").click()
+    files = tab.locator("#drop-picture input[type=file]")
+    files.set_input_files({"name": "press.png", "mimeType": "image/png", "buffer": png})
+    tab.get_by_text("depth 0.").wait_for(timeout=PICTURE_MS)
+    depth = float(tab.inner_text("#upload-state").split()[1])
+    assert depth == pytest.approx(0.5, abs=0.2)
+    files.set_input_files({"name": "press.png", "mimeType": "image/png", "buffer": b"no picture"})
+    tab.get_by_text("press.png").first.wait_for()
+    tab.wait_for_function(
+        "document.getElementById('upload-state').textContent.includes('picture.png')", timeout=PICTURE_MS
+    )
+
+
+@pytest.mark.faults
+def test_a_second_client_without_the_token_is_refused(tmp_path):
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    studio = Studio(folder, "default", "--host", "0.0.0.0", "--port", "0")
+    try:
+        address = studio.address.replace("0.0.0.0", "127.0.0.1")
+        assert "?token=" in address
+        with urllib.request.urlopen(address, timeout=60) as answer:
+            assert answer.status == 200
+        bare = address.partition("?")[0]
+        for path in (
+            "",
+            "?token=guess",
+            "studio/studio.js",
+            "_nicegui_ws/socket.io/?EIO=4&transport=polling",
+        ):
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                urllib.request.urlopen(bare + path, timeout=60)
+            assert refused.value.code == 403
+    finally:
+        assert studio.stop() == 0

@@ -1,0 +1,78 @@
+"""Pictures of the studio: coarse ones first, and what is linear only mixed again."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
+from designlab.app.studio.pictures import Bench, steps
+from designlab.app.studio.session import Session
+from designlab.sensor.design import preset
+from designlab.simulation.render.session import SESSION
+from designlab.simulation.simulator import Simulator
+
+pytestmark = [pytest.mark.renders, pytest.mark.slow, pytest.mark.llvm]
+NAME = "gelsight-2020-flat"
+
+
+@pytest.fixture(scope="module")
+def bench():
+    before = SESSION.least_written
+    found = Bench()
+    found.effort = found.effort._replace(samples=(2, 8))  # quick ones
+    yield found
+    SESSION.least_written = before
+
+
+def shown(bench, session, press="its own"):
+    job = PictureJob(session.design, session.press if press == "its own" else press)
+    return list(steps(bench, job))
+
+
+def pixels(picture):
+    return np.asarray(Image.open(io.BytesIO(picture.png)), dtype=float)
+
+
+def test_pictures_become_finer_and_less_grainy_and_a_press_is_read(bench):
+    session = Session(NAME, preset(NAME))
+    found = [step for step in shown(bench, session) if not isinstance(step, Rest)]
+    kinds = [type(step) for step in found]
+    assert kinds == [Picture, Picture, Relief, Picture, Relief]
+    coarse, first, _, last, relief = found
+    assert coarse.step.startswith("coarse")
+    assert pixels(coarse).shape[1] < pixels(first).shape[1]
+    assert last.grain < first.grain
+    assert last.pressed
+    assert relief.high_mm == pytest.approx(session.press.depth_mm, rel=0.1)
+    # The first picture of a press that is moved is near the full one.
+    session.move_press(centre_mm=(1.0, -1.0))
+    coarse, _, full, *_ = shown(bench, session)
+    small = np.asarray(Image.open(io.BytesIO(full.png)).resize(pixels(coarse).shape[1::-1]), dtype=float)
+    assert np.sqrt(np.mean((small - pixels(coarse)) ** 2)) < 0.03 * small.mean()
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [("leds.groups.0.flux_mw", 0.5), ("leds.groups.2.drive", 0.5), ("camera.bit_depth", 4)],
+)
+def test_what_is_only_mixed_is_not_rendered_again(bench, monkeypatch, path, value):
+    session = Session(NAME, preset(NAME))
+    before = next(step for step in reversed(shown(bench, session)) if isinstance(step, Picture))
+    monkeypatch.setattr(Simulator, "frame", lambda *_, **__: pytest.fail("rendered"))
+    session.change(path, value)
+    first = next(steps(bench, PictureJob(session.design, session.press)))
+    assert first.step == "full light"
+    assert (pixels(first) != pixels(before)).any()
+
+
+@pytest.mark.parametrize("centre", [(60.0, 0.0), (0.0, -80.0), (45.0, 45.0)])
+def test_where_nothing_can_be_pressed_the_untouched_gel_is_shown_and_why(bench, centre):
+    session = Session(NAME, preset(NAME))
+    session.move_press(centre_mm=centre)
+    found = [step for step in shown(bench, session) if isinstance(step, Picture)]
+    assert not found[-1].pressed
+    assert "centre_mm" in found[-1].note
+    rest = [step for step in shown(bench, session, None) if isinstance(step, Picture)]
+    assert (pixels(found[-1]) == pixels(rest[-1])).all()
