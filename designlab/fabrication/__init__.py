@@ -14,6 +14,7 @@ from designlab.core.backend import installed_version
 from designlab.core.progress import silent
 from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
+from designlab.fabrication import assembly
 from designlab.fabrication import boards as led_boards
 from designlab.fabrication.boards import SUPPLY_V, BoardError, Boards
 from designlab.fabrication.boards.files import bill_row, write_board
@@ -31,11 +32,13 @@ from designlab.fabrication.parts import (
     CASTING_PARTS,
     MOULD_FLOOR_MM,
     MOULD_WALL_MM,
+    SEATED_PARTS,
     SENSOR_PARTS,
     parts,
     probe_name,
 )
-from designlab.fabrication.tables import bill, led_rows, readme, write_csv
+from designlab.fabrication.seating import BOUGHT
+from designlab.fabrication.tables import bill, led_rows, numbered, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
@@ -58,6 +61,11 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "gelcore": (0.75, 0.87, 0.95, 0.4),
     "elastomer": (0.95, 0.80, 0.60, 0.5),
     "housing": (0.25, 0.26, 0.29, 1.0),
+    "lid": (0.36, 0.38, 0.42, 1.0),
+    "core_ring": (0.42, 0.36, 0.30, 1.0),
+    "camera": (0.10, 0.45, 0.20, 1.0),
+    "inserts": (0.80, 0.62, 0.25, 1.0),
+    "screws": (0.62, 0.64, 0.67, 1.0),
 }
 BOARD_COLOUR = (0.08, 0.09, 0.1, 1.0)
 
@@ -171,8 +179,9 @@ def _write(
 ) -> dict[str, Any]:
     """Write all files and return the manifest, failed checks included."""
     meshed = [probe for probe in chosen if probe.file is not None]
-    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
     boards = () if made is None else made.boards
+    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None], boards=boards)
+    seated = design.housing.seats is not None
     steps = len(shapes) + len(meshed) + len(boards) + 2
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
@@ -198,16 +207,26 @@ def _write(
         _write_step(board_shapes[board.name], step)
         checks += [*found, *check_step(board.name, step, board_shapes[board.name])]
     progress("assembly", steps - 2, steps)
-    checks += _write_assembly(design, folder, shapes, board_shapes)
+    sensor = [name for name in shapes if name in (*SENSOR_PARTS, *SEATED_PARTS)]
+    checks += _write_assembly(design, folder, {name: shapes[name] for name in sensor}, board_shapes)
     progress("checks", steps - 1, steps)
-    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
+    pairs = [*combinations(sensor, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
     # A board carries the LEDs, whose drawn bodies may be thicker than the part that is bought.
-    pairs += [(name, part) for name in board_shapes for part in SENSOR_PARTS if part != "led_array"]
+    pairs += [(name, part) for name in board_shapes for part in sensor if part != "led_array"]
+    note = "accepted: allow_infeasible"
     overlaps = check_overlaps(design, {**shapes, **board_shapes}, pairs)
     if allow_infeasible:
-        note = "accepted: allow_infeasible"
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
     checks += overlaps
+    if seated:
+        together = {**shapes, **board_shapes}
+        order = assembly.steps(design, together, boards)
+        carried = assembly.leds_on(boards, design, shapes["led_array"])
+        fitted = assembly.check_contacts(design, together, boards)
+        fitted += assembly.check_order(design, together, order, carried)
+        if allow_infeasible:
+            fitted = [check if check.ok else check._replace(ok=True, note=note) for check in fitted]
+        checks += fitted
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
         "kind": KIND,
@@ -220,7 +239,7 @@ def _write(
         "parts": described,
         "boards": described_boards,
         "drive": [] if made is None else [channel.told() for channel in made.channels],
-        "bom": [*bill(design, shapes), *map(bill_row, boards)],
+        "bom": numbered([*bill(design, shapes), *map(bill_row, boards)]),
         "led_count": len(bodies(design.leds)),
         "margins_mm": design.margins(),
         "walls": {
@@ -256,8 +275,18 @@ def _write_part(
     design: Design, folder: Path, name: str, shape: "cadquery.Shape"
 ) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
-    step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
+    step = _path(folder, "step", f"{name}.step")
     _write_step(shape, step)
+    box = shape.BoundingBox()
+    described: dict[str, Any] = {
+        "solids": len(shape.Solids()),
+        "volume_mm3": shape.Volume(),
+        "area_mm2": shape.Area(),
+        "size_mm": [box.xlen, box.ylen, box.zlen],
+    }
+    if name in BOUGHT:
+        return described, check_step(name, step, shape)
+    stl = _path(folder, "stl", f"{name}.stl")
     optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
     mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
     mesh.export(stl, file_type="stl")
@@ -269,16 +298,13 @@ def _write_part(
         )
     if _printed(design, name):
         package = _path(folder, "3mf", f"{name}.3mf")
+        laid = shape
+        if design.housing.seats is not None and name in SEATED_PARTS:
+            laid = assembly.print_pose(name, shape)
+            mesh.apply_transform(assembly.print_turn(name, shape))
         write_3mf(mesh, package, name=name)
-        checks += check_mesh(name, package, shape)
-    box = shape.BoundingBox()
-    return {
-        "solids": len(shape.Solids()),
-        "volume_mm3": shape.Volume(),
-        "area_mm2": shape.Area(),
-        "size_mm": [box.xlen, box.ylen, box.zlen],
-        "mesh": report,
-    }, checks
+        checks += check_mesh(name, package, laid)
+    return described | {"mesh": report}, checks
 
 
 def _write_step(shape: "cadquery.Shape", path: Path) -> None:
@@ -312,7 +338,10 @@ def _write_assembly(
 
     assembly = cadquery.Assembly(name=re.sub(r"[^A-Za-z0-9_.-]+", "_", design.name) or "sensor")
     for name, rgba in PART_COLOURS.items():
-        assembly.add(shapes[name], name=name, color=cadquery.Color(*rgba))
+        solids = shapes[name].Solids() if name in shapes else []
+        for number, solid in enumerate(solids, start=1):
+            named = name if len(solids) == 1 else f"{name.rstrip('s')}_{number}"
+            assembly.add(solid, name=named, color=cadquery.Color(*rgba))
     array = cadquery.Assembly(name="led_array")
     for number, body in enumerate(bodies(design.leds)):
         groups = [design.leds.groups[index] for index in body.groups]
@@ -324,7 +353,7 @@ def _write_assembly(
         assembly.add(shape, name=name, color=cadquery.Color(*BOARD_COLOUR))
     path = folder / "assembly.step"
     assembly.export(str(path))
-    solids = [solid for name in SENSOR_PARTS for solid in shapes[name].Solids()]
+    solids = [solid for shape in shapes.values() for solid in shape.Solids()]
     solids += [solid for shape in boards.values() for solid in shape.Solids()]
     return check_step("assembly", path, cadquery.Compound.makeCompound(solids))
 
@@ -364,7 +393,7 @@ def _printed(design: Design, name: str) -> bool:
     """Whether a part comes from a 3D printer: housing, mould, probes, and a core of resin."""
     if name == "gelcore":
         return material(design.optics.gelcore_material).name.startswith("resin")
-    return name == "housing" or name.startswith(("mould", "probe"))
+    return name in ("housing", "lid", "core_ring") or name.startswith(("mould", "probe"))
 
 
 def _path(folder: Path, kind: str, name: str) -> Path:

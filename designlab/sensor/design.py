@@ -26,6 +26,7 @@ from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
+from designlab.sensor.seating import camera_board
 from designlab.sensor.spectra import (
     electrons_per_j,
     emission_rows,
@@ -238,6 +239,16 @@ class Design(Spec):
                     )
             if self.elastomer.shape == "dome":
                 raise ValueError("gelcore.wedge_deg: a wedge carries a flat or freeform gel, got a dome")
+        if self.housing.seats is not None:
+            try:
+                camera_board(self.housing.seats.camera)
+            except ValueError as error:
+                raise ValueError(f"housing.seats.camera: {error}") from None
+            if self.camera.mirror is not None:
+                raise ValueError(
+                    "housing.seats: seats hold a camera that looks straight down, camera.mirror is given; "
+                    "take one of both away"
+                )
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
