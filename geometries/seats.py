@@ -25,6 +25,7 @@ Box = tuple[float, float, float, float, float]
 
 TAB_MM, TAB_HEIGHT_MM = 5.0, 4.0
 """Width of a tab along the wall, and how far it reaches down beside the core."""
+LEAST_TAB = 0.4  # of that width, where LEDs leave no more
 LEDGE_MM = 1.2  # of a tab over the core's window where there is no collar
 BESIDE_LEDS_MM = 2.5  # kept free beside an LED: the board's edge, and the cheek of its pocket
 CHEEK_MM = 1.0  # on both sides of a board
@@ -167,21 +168,19 @@ def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float)
         outer = clear_mm + seats.collar_wall_mm
         collar = Ring(clear_mm, outer, window_mm, housing.top_mm, core.window_slope)
     gaps = _free_deg(leds)
-    half_deg = math.degrees(TAB_MM / 2 / housing.inner_radius_mm)
-    places = []
-    for start, width in gaps:
-        count = 0 if width < 2 * half_deg else max(1, round(width / 150.0))
-        places += [start + width * (2 * k + 1) / (2 * count) for k in range(count)]
-    if rings(leds):
-        places = []  # the core has a ring of its own, put in behind the board
+    widest_deg = math.degrees(TAB_MM / 2 / housing.inner_radius_mm)
     low_mm = (
         window_mm - min(TAB_HEIGHT_MM, 0.6 * _side_mm(core)) - abs(core.window_slope) * core.length_mm / 2
     )
-    tabs = []
-    for place in places:
-        tabs += _tab(housing, core, place, half_deg, low_mm, window_mm)
+    tabs, places = [], []
+    for start, width in gaps if not rings(leds) else ():  # under a level board the core has a ring of its own
+        half_deg = min(widest_deg, width / 2)
+        count = 0 if half_deg < LEAST_TAB * widest_deg else max(1, round(width / 150.0))
+        for place in (start + width * (2 * k + 1) / (2 * count) for k in range(count)):
+            places.append(place)
+            tabs += _tab(housing, core, place, half_deg, low_mm, window_mm)
     start, width = max(gaps, key=lambda gap: gap[1], default=(0.0, 360.0))
-    aside = half_deg + math.degrees(CABLE_MM / housing.inner_radius_mm)
+    aside = widest_deg + math.degrees(CABLE_MM / housing.inner_radius_mm)
     return Inside(
         collar, tuple(tabs), tuple(places), (start + width / 2 + (aside if places else 0.0)) % 360.0
     )
@@ -381,23 +380,32 @@ def lid(housing: Housing, mount: Mount) -> "cadquery.Workplane":
     return cap.cut(_slab(slot, seat - TONGUE_HEIGHT_MM - 1, high)).solids()
 
 
-def core_ring(housing: Housing, core: Gelcore, *, window_mm: float) -> "cadquery.Workplane":
-    """Ring that centres the core under a level LED board, put in after it and before the core."""
+def core_ring(
+    housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float, board_mm: float
+) -> "cadquery.Workplane":
+    """Ring that centres the core under a level LED board, put in after it and before the core.
+
+    Outside the LEDs it rises to the board's front, at the height `board_mm`.
+    """
     import cadquery
 
     assert housing.seats is not None
-    gap = housing.seats.gap_mm
+    gap, outer = housing.seats.gap_mm, housing.inner_radius_mm - housing.seats.gap_mm
     low = window_mm - min(CORE_RING_MM, 0.6 * _side_mm(core))
-    ring = _disc(housing.inner_radius_mm - gap, low, window_mm)
+    reach = max(float(np.hypot(*body.centre_mm[:2])) + math.hypot(*body.half_mm[:2]) for body in bodies(leds))
+    upper = _disc(outer, low, board_mm).cut(
+        _disc(min(reach + BESIDE_LENS_MM, outer - 0.8), low - 1, board_mm + 1)
+    )
+    ring = _disc(outer, low, window_mm)
+    if core.shape == "dome":
+        return upper.union(ring.cut(_disc(core.width_mm / 2 + gap, low - 1, window_mm + 1))).solids()
     beside = gelcore.polygon_at(core, max(low - window_mm + core.height_mm, 0.0))
     angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
-    if core.shape == "dome":
-        return ring.cut(_disc(core.width_mm / 2 + gap, low - 1, window_mm + 1))
     angles = np.unique(np.concatenate([angles, np.arctan2(beside[:, 1], beside[:, 0])]))
     way = np.column_stack([np.cos(angles), np.sin(angles)])
     hole = way * reach_mm(beside, way, grown_mm=gap)[:, None]
     plane = cadquery.Workplane("XY", origin=(0, 0, low - 1))
-    return ring.cut(plane.polyline(hole.tolist()).close().extrude(window_mm - low + 2))
+    return upper.union(ring.cut(plane.polyline(hole.tolist()).close().extrude(window_mm - low + 2))).solids()
 
 
 def camera_solid(mount: Mount) -> "cadquery.Workplane":

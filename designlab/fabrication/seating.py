@@ -164,7 +164,8 @@ def seated_parts(design: Design, boards: Sequence[Board]) -> dict[str, "cadquery
     found = {"housing": body.val(), "lid": seats.lid(housing, mount).val()}
     if seats.rings(design.leds):
         window_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
-        ring = seats.core_ring(housing, design.gelcore, window_mm=window_mm)
+        board_mm = next((plate.origin[2] for plate in found_plates if plate.ring), window_mm)
+        ring = seats.core_ring(housing, design.gelcore, design.leds, window_mm=window_mm, board_mm=board_mm)
         found["core_ring"] = ring.val()
     found["camera"] = seats.camera_solid(mount).val()
     compound = cadquery.Compound.makeCompound

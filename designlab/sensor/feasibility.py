@@ -63,8 +63,7 @@ RULES: dict[str, str] = {
     "seats_centre_core": "housing.seats: tabs between the rows of LEDs hold the gelcore from all sides",
     "seats_outside_view": "housing.seats: collar and tabs stand outside the view of the sensing area",
     "seats_clear_of_leds": f"housing.seats: the collar stands {LIT_MM} mm or more from LEDs beside it",
-    "camera_board_fits": "housing.seats.camera: its lens is as narrow as camera.body_radius_mm and fits "
-    "the hole of the camera plate",
+    "camera_board_fits": "housing.seats.camera: its lens is no wider than camera.body_radius_mm says",
     "camera_board_above_plate": f"housing.seats.camera: it lies {LEAST_HEAD_MM:g} mm or more above the "
     "camera plate's underside, so that its screws hold and end short of the light",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
@@ -379,7 +378,7 @@ def _seat_margins(design: Parts) -> dict[str, float]:
         found["seats_hold_core"] = LEAST_RIM_MM - (float(rim.max()) - collar.inner_mm)
         nearest = collar.inner_mm
     else:
-        nearest = min((float(np.hypot(*outline.T).min()) for outline in stops), default=math.inf)
+        nearest = min((float(np.hypot(*outline.T).min()) for outline in stops), default=float(rim.max()))
         found["seats_hold_core"] = LEAST_RIM_MM - (float(rim.max()) - nearest)
     if not rings(design.leds):
         places = sorted(place % 360.0 for place in within.tabs_deg)
@@ -394,12 +393,8 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     above = corners[corners[:, 2] > window_mm]
     if collar is not None and len(above):
         found["seats_clear_of_leds"] = collar.outer_mm + LIT_MM - float(np.hypot(*above[:, :2].T).min())
-    board, through = camera_board(housing.seats.camera), 0.0
-    if camera.position_mm[2] + board.pupil_mm - board.lens_height_mm < housing.top_mm + housing.plate_mm:
-        through = 2 * math.hypot(*camera.position_mm[:2]) + board.barrel_mm
-    found["camera_board_fits"] = max(
-        board.barrel_mm - 2 * camera.body_radius_mm, through - housing.camera_hole_mm
-    )
+    board = camera_board(housing.seats.camera)
+    found["camera_board_fits"] = board.barrel_mm - 2 * camera.body_radius_mm
     seat_mm = camera.position_mm[2] + board.pupil_mm
     found["camera_board_above_plate"] = LEAST_HEAD_MM + housing.top_mm - seat_mm
     return found
