@@ -28,6 +28,9 @@ TAB_MM, TAB_HEIGHT_MM = 5.0, 4.0
 LEAST_TAB = 0.4  # of that width, where LEDs leave no more
 LEDGE_MM = 1.2  # of a tab over the core's window where there is no collar
 BESIDE_LEDS_MM = 2.5  # kept free beside an LED: the board's edge, and the cheek of its pocket
+BESIDE_FEET_MM, LEAST_FOOT_MM, WIDEST_FOOT_DEG = 0.5, 0.5, 40.0
+WIDEST_OPEN_DEG = 175.0
+"""Between neighbouring feet or tabs: a core that is held on half a turn only tips or slides out."""
 CHEEK_MM = 1.0  # on both sides of a board
 FAR_MM = 400.0
 INTO_WALL_MM = 0.3  # what grows from the wall begins inside it
@@ -65,6 +68,7 @@ class Inside(NamedTuple):
     """What stands inside a housing with seats, but for the seats of boards."""
 
     collar: Ring | None
+    feet: tuple[Prism, ...]
     tabs: tuple[Prism, ...]
     tabs_deg: tuple[float, ...]
     cable_deg: float
@@ -163,11 +167,14 @@ def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float)
     """
     assert housing.seats is not None
     seats, clear_mm = housing.seats, core.window_diameter_mm / 2
-    collar = None
+    collar: Ring | None = None
+    feet: list[Prism] = []
     if seats.stop == "collar":
         outer = clear_mm + seats.collar_wall_mm
         collar = Ring(clear_mm, outer, window_mm, housing.top_mm, core.window_slope)
-    gaps = _free_deg(leds)
+        if feet := _feet(collar, leds):
+            collar = collar._replace(low_mm=feet[0].high_mm)
+    gaps = _free_deg(leds, BESIDE_LEDS_MM)
     widest_deg = math.degrees(TAB_MM / 2 / housing.inner_radius_mm)
     low_mm = (
         window_mm - min(TAB_HEIGHT_MM, 0.6 * _side_mm(core)) - abs(core.window_slope) * core.length_mm / 2
@@ -181,9 +188,39 @@ def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float)
             tabs += _tab(housing, core, place, half_deg, low_mm, window_mm)
     start, width = max(gaps, key=lambda gap: gap[1], default=(0.0, 360.0))
     aside = widest_deg + math.degrees(CABLE_MM / housing.inner_radius_mm)
-    return Inside(
-        collar, tuple(tabs), tuple(places), (start + width / 2 + (aside if places else 0.0)) % 360.0
-    )
+    cable_deg = (start + width / 2 + (aside if places else 0.0)) % 360.0
+    return Inside(collar, tuple(feet), tuple(tabs), tuple(places), cable_deg)
+
+
+def _feet(collar: Ring, leds: LedArray) -> list[Prism]:
+    """Feet of a collar beneath LEDs that shine down on the core's rim, where none of these stands.
+
+    The collar itself ends where the light begins. None where LEDs stand lower, or where feet would stand on one
+    side only.
+    """
+    if not rings(leds):
+        return []
+    lit_mm = min(body.centre_mm[2] - body.half_mm[2] for body in bodies(leds))
+    if lit_mm < collar.low_mm + LEAST_FOOT_MM or lit_mm > collar.high_mm - LEAST_FOOT_MM:
+        return []
+    found, places = [], []
+    for start, width in _free_deg(leds, BESIDE_FEET_MM):
+        half = min(width / 2, WIDEST_FOOT_DEG / 2)
+        if math.radians(2 * half) * collar.inner_mm < LEAST_FOOT_MM:
+            continue
+        turns = np.radians(start + width / 2 + np.linspace(-half, half, 13))
+        way = np.column_stack([np.cos(turns), np.sin(turns)])
+        outline = np.concatenate([collar.outer_mm * way, collar.inner_mm * way[::-1]])
+        found.append(Prism(outline, collar.low_mm, lit_mm))
+        places.append(start + width / 2)
+    return found if widest_gap_deg(places) < WIDEST_OPEN_DEG else []
+
+
+def widest_gap_deg(places_deg: Sequence[float]) -> float:
+    """Widest range of azimuths without a place (deg); a whole turn of one place or none."""
+    around = sorted(place % 360.0 for place in places_deg)
+    gaps = [(b - a) % 360.0 for a, b in zip(around, [*around[1:], *around[:1]], strict=True)]
+    return max(gaps, default=360.0) or 360.0
 
 
 def rings(leds: LedArray) -> bool:
@@ -198,7 +235,7 @@ def _side_mm(core: Gelcore) -> float:
     return core.height_mm - (core.radius_mm - math.sqrt(core.radius_mm**2 - (core.width_mm / 2) ** 2))
 
 
-def _free_deg(leds: LedArray) -> list[tuple[float, float]]:
+def _free_deg(leds: LedArray, beside_mm: float) -> list[tuple[float, float]]:
     """Azimuths without LEDs: start and width of each range (deg)."""
     taken = []
     for body in bodies(leds):
@@ -207,7 +244,7 @@ def _free_deg(leds: LedArray) -> list[tuple[float, float]]:
         corners = np.asarray(body.centre_mm) + signs @ axes
         middle = math.atan2(body.centre_mm[1], body.centre_mm[0])
         around = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - middle)))
-        beside = BESIDE_LEDS_MM / float(np.hypot(corners[:, 0], corners[:, 1]).min())
+        beside = beside_mm / float(np.hypot(corners[:, 0], corners[:, 1]).min())
         half = float(np.abs(around).max()) + beside
         taken.append((math.degrees(middle - half) % 360.0, math.degrees(2 * half)))
     taken.sort()
@@ -294,7 +331,10 @@ def body(
         for box in plate.behind if not plate.ring else ():
             block = block.cut(_wire_way(plate, box, inner, housing.wall_mm, top))
     if within.collar is not None:
-        block = block.union(_ring(within.collar))
+        collar = _ring(within.collar)
+        for foot in within.feet:
+            collar = collar.union(_prism(foot))
+        block = block.union(collar)
     turn = math.radians(within.cable_deg)
     way = (math.cos(turn), math.sin(turn), 0.0)
     start = tuple(float((inner - 1.0) * c) for c in way[:2])

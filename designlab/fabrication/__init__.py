@@ -3,10 +3,10 @@
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, pr
 from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
 from designlab.sensor.optical_constants import material
+from designlab.sensor.seating import assumed_figures
 from designlab.simulation.effects.model import SensorModel
 from geometries import probes as probe_library
 from geometries.leds import LedGroup, bodies
@@ -52,7 +53,16 @@ from geometries.probes import Probe
 if TYPE_CHECKING:
     import cadquery
 
-__all__ = ["FileCheck", "export", "led_colour", "package_colour", "parts"]
+__all__ = [
+    "BOARD_COLOUR",
+    "PART_COLOURS",
+    "Built",
+    "FileCheck",
+    "export",
+    "led_colour",
+    "package_colour",
+    "parts",
+]
 
 PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab", "gerbonara", "shapely")
 """Distributions that make the files, whose versions the manifest states."""
@@ -67,7 +77,26 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "inserts": (0.80, 0.62, 0.25, 1.0),
     "screws": (0.62, 0.64, 0.67, 1.0),
 }
+"""Display colours of parts (sRGB and opacity, 0..1)."""
 BOARD_COLOUR = (0.08, 0.09, 0.1, 1.0)
+
+
+class Built(NamedTuple):
+    """What an export made, for who describes it.
+
+    Solids and steps of assembly lie in the sensor frame (mm); `carried` are the numbers of each board's LEDs.
+    """
+
+    design: Design
+    shapes: Mapping[str, "cadquery.Shape"]
+    order: Sequence[assembly.Step]
+    carried: Mapping[str, Sequence[int]]
+    boards: Boards | None
+    manifest: Mapping[str, Any]
+
+
+Describe = Callable[[Built, Path], Sequence[str]]
+"""Writes files about what was built into the folder of an export, and returns warnings."""
 
 
 def export(
@@ -78,6 +107,7 @@ def export(
     boards: bool = True,
     supply_v: float = SUPPLY_V,
     allow_infeasible: bool = False,
+    describe: Describe | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write everything needed to make a design into a folder, and check what was written.
@@ -98,6 +128,8 @@ def export(
     allow_infeasible : bool
         Export a design that breaks its rules, and overlapping parts, with a warning for each; LED boards that
         cannot be made are left out.
+    describe : callable, optional
+        Called with what was built and the folder, where it may write a guide; not before all checks passed.
     progress : callable, optional
         Called with the name of the next step, steps done and steps in all.
 
@@ -133,8 +165,14 @@ def export(
     require_replaceable(Path(out))
     made, left_out = _boards(design, supply_v, allow_infeasible) if boards else (None, [])
     with atomic_folder(out, replace=True) as folder:
-        manifest = _write(design, folder, chosen, made, allow_infeasible, progress, [*notes, *left_out])
+        built = _write(design, folder, chosen, made, allow_infeasible, progress, [*notes, *left_out])
+        manifest = dict(built.manifest)
         require(FileCheck(**check) for check in manifest["checks"])
+        if describe is not None and built.order:
+            progress("guide", 1, 2)
+            manifest["warnings"] = [*manifest["warnings"], *describe(built, folder)]
+        _close(design, folder, manifest)
+        progress("done", 2, 2)
         require_replaceable(Path(out))  # somebody may have written there meanwhile
     return manifest
 
@@ -176,12 +214,13 @@ def _write(
     allow_infeasible: bool,
     progress: Progress,
     notes: Sequence[str],
-) -> dict[str, Any]:
-    """Write all files and return the manifest, failed checks included."""
+) -> Built:
+    """Write all files of parts and return what was built, failed checks included."""
     meshed = [probe for probe in chosen if probe.file is not None]
     boards = () if made is None else made.boards
     shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None], boards=boards)
-    seated = design.housing.seats is not None
+    order: list[assembly.Step] = []
+    carried: dict[str, list[int]] = {}
     steps = len(shapes) + len(meshed) + len(boards) + 2
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
@@ -218,10 +257,10 @@ def _write(
     if allow_infeasible:
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
     checks += overlaps
-    if seated:
+    if design.housing.seats is not None:
         together = {**shapes, **board_shapes}
         order = assembly.steps(design, together, boards)
-        carried = assembly.leds_on(boards, design, shapes["led_array"])
+        carried = assembly.leds_on(boards, design)
         fitted = assembly.check_contacts(design, together, boards)
         fitted += assembly.check_order(design, together, order, carried)
         if allow_infeasible:
@@ -235,7 +274,11 @@ def _write(
         "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
-        "assumed": [*assumed_fields(design), *(() if made is None else made.assumed)],
+        "assumed": [
+            *assumed_fields(design),
+            *(() if made is None else made.assumed),
+            *assumed_figures(design),
+        ],
         "parts": described,
         "boards": described_boards,
         "drive": [] if made is None else [channel.told() for channel in made.channels],
@@ -251,6 +294,7 @@ def _write(
             *notes,
             *(() if made is None else made.notes),
             *(f"{probe_name(p)}: {note}" for p in meshed for note in described[probe_name(p)]["notes"]),
+            *_unseated(design, made),
             *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
@@ -260,15 +304,25 @@ def _write(
     write_csv(led_rows(design), folder / "leds.csv")
     write_csv(manifest["bom"], folder / "bom.csv")
     (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
-    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
     _write_json(manifest["checks"], folder / "checks.json")
+    return Built(design, {**shapes, **board_shapes}, order, carried, made, manifest)
+
+
+def _close(design: Design, folder: Path, manifest: dict[str, Any]) -> None:
+    """Write README and manifest, which tell of all other files."""
+    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
     written = sorted(path for path in folder.rglob("*") if path.is_file())
     manifest["files"] = {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in written
     }
     _write_json(manifest, folder / MANIFEST)
-    progress("done", steps, steps)
-    return manifest
+
+
+def _unseated(design: Design, made: Boards | None) -> list[str]:
+    """Say what a housing with seats does not hold."""
+    if design.housing.seats is None or made is not None or design.leds.coupling == "embedded":
+        return []
+    return ["the housing has no pockets for LEDs, since no LED boards are made"]
 
 
 def _write_part(

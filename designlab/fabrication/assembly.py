@@ -108,14 +108,15 @@ def check_order(
     design: Design,
     shapes: Mapping[str, "cadquery.Shape"],
     order: Sequence[Step],
-    leds_on: Mapping[str, Sequence["cadquery.Shape"]],
+    carried: Mapping[str, Sequence[int]],
 ) -> list[FileCheck]:
     """Move every part along its way in, and find the largest volume that it shares with what is there."""
     checks: list[FileCheck] = []
     there: list[cadquery.Shape] = []
+    leds = shapes["led_array"].Solids()
     for step in order:
         moving = [shapes[part] for part in step.parts]
-        moving += [led for part in step.parts for led in leds_on.get(part, ())]
+        moving += [leds[number] for part in step.parts for number in carried.get(part, ())]
         worst = 0.0
         for place in _places(step.way):
             for shape in moving:
@@ -154,18 +155,16 @@ def _shift(by: Sequence[float]) -> "cadquery.Location":
     return cadquery.Location(cadquery.Vector(*by))
 
 
-def leds_on(
-    boards: Sequence[Board], design: Design, array: "cadquery.Shape"
-) -> dict[str, list["cadquery.Shape"]]:
-    """LEDs of each board, which are put in with it."""
-    found: dict[str, list[cadquery.Shape]] = {}
-    for solid, body in zip(array.Solids(), bodies(design.leds), strict=True):
+def leds_on(boards: Sequence[Board], design: Design) -> dict[str, list[int]]:
+    """Numbers of the LEDs on each board, in the order of `geometries.leds.bodies`; they go in with it."""
+    found: dict[str, list[int]] = {}
+    for number, body in enumerate(bodies(design.leds)):
         for plate in plates(boards):
             away = np.asarray(body.centre_mm) - plate.origin
             x, y, z = (float(away @ np.asarray(axis)) for axis in (plate.x, plate.y, plate.normal))
             x0, y0, x1, y1 = plate.bounds
             if x0 <= x <= x1 and y0 <= y <= y1 and abs(z) < seats.FRONT_MM:
-                found.setdefault(plate.name, []).append(solid)
+                found.setdefault(plate.name, []).append(number)
                 break
     return found
 

@@ -198,6 +198,7 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         mix_g=CASTING_SURPLUS * gel["mass_g"],
         coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
         boards=_STOCK["boards"]["made" if manifest["boards"] else "none"],
+        seats=_STOCK["seats"]["none" if design.housing.seats is None else "made"],
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]

@@ -18,7 +18,7 @@ from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
 from geometries.outline import reach_mm
-from geometries.seats import rings
+from geometries.seats import WIDEST_OPEN_DEG, rings, widest_gap_deg
 
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
@@ -28,7 +28,6 @@ FORGIVEN_MM = 0.01  # of two spheres: what a mould reproduces; more means a gel 
 FORGIVEN_MM3 = 0.3  # that a core cuts into its gel; an export checks for less than 1 mm3
 LEAST_RIM_MM = 0.4  # of a core's rim on its stop
 LEAST_HEAD_MM = 5.0  # a threaded insert of 4 mm, and a closed floor under it
-WIDEST_OPEN_DEG = 175.0  # between neighbouring tabs: a core held from half a turn only slides out
 LIT_MM = 0.3  # kept free beside LEDs
 
 RULES: dict[str, str] = {
@@ -381,10 +380,8 @@ def _seat_margins(design: Parts) -> dict[str, float]:
         nearest = min((float(np.hypot(*outline.T).min()) for outline in stops), default=float(rim.max()))
         found["seats_hold_core"] = LEAST_RIM_MM - (float(rim.max()) - nearest)
     if not rings(design.leds):
-        places = sorted(place % 360.0 for place in within.tabs_deg)
-        gaps = [(b - a) % 360.0 for a, b in zip(places, [*places[1:], *places[:1]], strict=True)]
-        open_deg = max(gaps, default=360.0) or 360.0
-        found["seats_centre_core"] = math.radians(open_deg - WIDEST_OPEN_DEG) * housing.inner_radius_mm
+        open_deg = widest_gap_deg(within.tabs_deg) - WIDEST_OPEN_DEG
+        found["seats_centre_core"] = math.radians(open_deg) * housing.inner_radius_mm
     seen, distance_mm = _sensing_area_seen(design)
     x_c, y_c, z_c = camera.eye_mm
     at_window = np.array([x_c, y_c]) + seen / distance_mm * max(z_c - window_mm, 0.0)

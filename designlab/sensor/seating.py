@@ -1,10 +1,9 @@
 """Seats of a design: what stands inside its housing, where its camera board lies, and the tables of both."""
 
-import tomllib
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
+from designlab.sensor.data import table
 from designlab.sensor.parts import Parts
 from geometries.seats import CameraBoard, Fastener, Inside, Mount
 from geometries.seats import inside as _inside
@@ -12,11 +11,10 @@ from geometries.seats import inside as _inside
 SCREW = "M2"
 
 
-def _table(name: str) -> dict[str, Any]:
-    text = files(__package__).joinpath("data", f"{name}.toml").read_text(encoding="utf-8")
+def _entries(name: str) -> dict[str, Any]:
+    """Entries of a table by name, lists as tuples."""
     return {
-        key: {field: _frozen(value) for field, value in entry.items()}
-        for key, entry in tomllib.loads(text).items()
+        key: {field: _frozen(value) for field, value in entry.items()} for key, entry in table(name).items()
     }
 
 
@@ -27,13 +25,13 @@ def _frozen(value: object) -> object:
 @cache
 def camera_modules() -> dict[str, CameraBoard]:
     """Camera boards by name."""
-    return {name: CameraBoard(name, **entry) for name, entry in _table("camera_modules").items()}
+    return {name: CameraBoard(name, **entry) for name, entry in _entries("camera_modules").items()}
 
 
 @cache
 def fastener() -> Fastener:
     """Screw and insert that hold lid and camera."""
-    return Fastener(**_table("fasteners")[SCREW])
+    return Fastener(**_entries("fasteners")[SCREW])
 
 
 def camera_board(name: str) -> CameraBoard:
@@ -66,3 +64,12 @@ def mount(design: Parts) -> Mount:
     board = camera_board(seats.camera)
     x, y, z = design.camera.position_mm
     return Mount(x, y, z + board.pupil_mm, board, fastener())
+
+
+def assumed_figures(design: Parts) -> list[str]:
+    """Figures of the tables that a housing with seats is fitted to and no source states."""
+    if design.housing.seats is None:
+        return []
+    board, screw = camera_board(design.housing.seats.camera), fastener()
+    found = [f"camera {board.name}: {figure}" for figure in board.assumed]
+    return [*found, *(f"{screw.title}: {figure}" for figure in screw.assumed)]

@@ -194,7 +194,7 @@ def housing_inside(design: Design) -> Iterator[Shape]:
 
 
 def seats(design: Design) -> Iterator[Shape]:
-    """What seats put between LEDs, core and camera: the collar and the tabs.
+    """What seats put between LEDs, core and camera: the collar with its feet, and the tabs.
 
     They are there even when they are black, since they may stand in the light. The pockets of LED boards lie
     behind the LEDs' fronts, where light of these never arrives.
@@ -221,7 +221,7 @@ def seats(design: Design) -> Iterator[Shape]:
         band, faces = np.concatenate([near_low, far_low]), band_faces(144, 0, 144)
         down = np.tile([0.0, 0.0, -1.0], (len(faces), 1))
         yield Shape(f"{name}-collar-end", band, oriented(band, faces, down), walls)
-    for number, tab in enumerate(within.tabs):
+    for number, tab in enumerate((*within.tabs, *within.feet)):
         count = len(tab.outline)
         low, high = (np.column_stack([tab.outline, np.full(count, z)]) for z in (tab.low_mm, tab.high_mm))
         around = np.concatenate([low, high])
