@@ -195,8 +195,8 @@ def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float)
 def _feet(collar: Ring, leds: LedArray) -> list[Prism]:
     """Feet of a collar beneath LEDs that shine down on the core's rim, where none of these stands.
 
-    The collar itself ends where the light begins. None where LEDs stand lower, or where feet would stand on one
-    side only.
+    The collar itself ends where the light begins. None where LEDs stand lower, or where feet would stand
+    on one side only.
     """
     if not rings(leds):
         return []

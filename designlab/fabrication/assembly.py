@@ -171,12 +171,13 @@ def leds_on(boards: Sequence[Board], design: Design) -> dict[str, list[int]]:
 
 def print_turn(name: str, shape: "cadquery.Shape") -> Array:
     """Motion, shape (4, 4), that lays a part on the printer's bed: body and lid on their upper face."""
-    box, turn = shape.BoundingBox(), np.eye(4)
+    # Corners are exact where a bounding box keeps a margin; all ends of these parts are level.
+    heights, turn = [corner.Z for corner in shape.Vertices()], np.eye(4)
     if name in ("housing", "lid"):
         turn[1, 1] = turn[2, 2] = -1.0
-        turn[2, 3] = box.zmax
+        turn[2, 3] = max(heights)
     else:
-        turn[2, 3] = -box.zmin
+        turn[2, 3] = -min(heights)
     return turn
 
 

@@ -59,12 +59,14 @@ RULES: dict[str, str] = {
     "mirror_above_core": "camera and mirror stand above the gelcore",
     "seats_hold_core": f"housing.seats: collar, or ledges of the tabs, meet {LEAST_RIM_MM} mm or more of the "
     "gelcore's rim",
-    "seats_centre_core": "housing.seats: tabs between the rows of LEDs hold the gelcore from all sides",
+    "seats_centre_core": "housing.seats: tabs between the rows of LEDs, or a ring of "
+    f"{MINIMUM_WALL_MM} mm under a level board, hold the gelcore from all sides",
     "seats_outside_view": "housing.seats: collar and tabs stand outside the view of the sensing area",
     "seats_clear_of_leds": f"housing.seats: the collar stands {LIT_MM} mm or more from LEDs beside it",
     "camera_board_fits": "housing.seats.camera: its lens is no wider than camera.body_radius_mm says",
     "camera_board_above_plate": f"housing.seats.camera: it lies {LEAST_HEAD_MM:g} mm or more above the "
     "camera plate's underside, so that its screws hold and end short of the light",
+    "camera_board_above_core": f"housing.seats.camera: its lens ends {LIT_MM} mm or more above the gelcore",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
@@ -82,7 +84,9 @@ SHAPED = ("core_sides", "core_radius", "core_height", "dome_radius")
 
 def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
-    values = _led_margins(design) | _body_margins(design) | _camera_margins(design) | _seat_margins(design)
+    values: dict[str, float] = {}
+    for part in (_seat_margins, _led_margins, _body_margins, _camera_margins):
+        values |= part(design)
     # A rule that does not apply has the margin -inf; one that cannot be told is not met.
     told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
     return {rule: margin for rule, margin in told.items() if margin > -math.inf}
@@ -363,6 +367,7 @@ def _seat_margins(design: Parts) -> dict[str, float]:
         "seats_clear_of_leds",
         "camera_board_fits",
         "camera_board_above_plate",
+        "camera_board_above_core",
     )
     found = dict.fromkeys(rules, -math.inf)
     within, housing, core, camera = inside(design), design.housing, design.gelcore, design.camera
@@ -382,6 +387,10 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     if not rings(design.leds):
         open_deg = widest_gap_deg(within.tabs_deg) - WIDEST_OPEN_DEG
         found["seats_centre_core"] = math.radians(open_deg) * housing.inner_radius_mm
+    else:  # a ring around the core, between it and the tube
+        found["seats_centre_core"] = (
+            float(rim.max()) + 2 * housing.seats.gap_mm + MINIMUM_WALL_MM - housing.inner_radius_mm
+        )
     seen, distance_mm = _sensing_area_seen(design)
     x_c, y_c, z_c = camera.eye_mm
     at_window = np.array([x_c, y_c]) + seen / distance_mm * max(z_c - window_mm, 0.0)
@@ -394,6 +403,7 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     found["camera_board_fits"] = board.barrel_mm - 2 * camera.body_radius_mm
     seat_mm = camera.position_mm[2] + board.pupil_mm
     found["camera_board_above_plate"] = LEAST_HEAD_MM + housing.top_mm - seat_mm
+    found["camera_board_above_core"] = LIT_MM + _highest_mm(design) - (seat_mm - board.lens_height_mm)
     return found
 
 
