@@ -16,7 +16,7 @@ from designlab.fabrication.boards.orders import solid
 from designlab.fabrication.checks import overlap_mm3
 from designlab.fabrication.parts import parts
 from designlab.fabrication.seating import SeatError, screw_length_mm
-from designlab.fabrication.triangles import read
+from designlab.fabrication.triangles import THINNING_MM, read
 from designlab.report import build_guide
 from designlab.sensor import seating
 from designlab.sensor.design import Design, preset
@@ -143,11 +143,11 @@ def test_every_part_of_the_bill_is_in_a_step_and_the_other_way_round(folder: Pat
 def test_prints_lie_on_their_upper_face(folder: Path, name: str) -> None:
     printed, built = read(folder / "3mf" / f"{name}.3mf"), read(folder / "stl" / f"{name}.stl")
     assert printed.is_watertight
-    assert printed.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
+    assert printed.bounds[0, 2] == pytest.approx(0.0, abs=THINNING_MM)
     assert printed.volume == pytest.approx(built.volume, rel=1e-9)
     # what was on top is below: the largest level face is on the bed
     level = printed.face_normals[:, 2] < -0.999
-    on_bed = level & (np.abs(printed.triangles_center[:, 2]) < 1e-4)
+    on_bed = level & (np.abs(printed.triangles_center[:, 2]) < THINNING_MM)
     assert printed.area_faces[on_bed].sum() > 0.5 * printed.area_faces[level].sum()
 
 
