@@ -1,6 +1,6 @@
 """The clear rigid body behind the gel: flat slab, hexagonal prism, or domed block."""
 
-from math import asin, atan2, degrees, radians, sin, tan
+from math import asin, atan2, degrees, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 THINNEST_MM = 0.5  # of a wedge: thinner edges break
+MOST_BULGE = 0.25  # of the height of the sides: flatter than a third of a circle
 
 
 class Gelcore(Spec):
@@ -36,6 +37,9 @@ class Gelcore(Spec):
     """Radius of the spherical gel side; a dome only."""
     draft_deg: float = quantity(0.0, unit="deg", ge=0, le=30)
     """Inclination of the side faces of a slab or hexagon, which narrows towards the camera."""
+    side_bulge_mm: float | None = quantity(None, unit="mm", ge=-20, le=20)
+    """How far the side faces bulge outwards midway between gel side and window, along an arc of a circle;
+    negative, they are hollow. Straight when absent."""
     wedge_deg: float | None = quantity(None, unit="deg", ge=-60, le=60)
     """Inclination of the window of a slab: a wedge that is thicker towards +y; height_mm holds on the axis.
     Level when absent."""
@@ -66,6 +70,15 @@ class Gelcore(Spec):
             raise ValueError(f"radius_mm: only a dome has a radius, shape is {self.shape!r}")
         if self.cavity_depth_mm is not None and self.cavity_radius_mm is None:
             raise ValueError("cavity_depth_mm: goes with cavity_radius_mm, which is absent")
+        if self.side_bulge_mm is not None:
+            if self.draft_deg or self.wedge_deg is not None:
+                raise ValueError("side_bulge_mm: curved sides have neither draft_deg nor wedge_deg")
+            most_mm = MOST_BULGE * max(side_height_mm(self), 0.0)
+            if abs(self.side_bulge_mm) > most_mm:
+                raise ValueError(
+                    f"side_bulge_mm: may be up to {MOST_BULGE:g} of the height of the sides, "
+                    f"{most_mm:.4g} mm, is {self.side_bulge_mm:g} mm"
+                )
         if self.wedge_deg is not None:
             if self.shape != "slab" or self.draft_deg or self.cavity_radius_mm is not None:
                 raise ValueError("wedge_deg: a wedge is a slab without draft_deg and without a hollow")
@@ -107,6 +120,48 @@ def polygon_at(spec: Gelcore, height_mm: float, *, segments: int = 360) -> NDArr
     return outline - lean_mm * np.sign(outline)
 
 
+def side_height_mm(spec: Gelcore) -> float:
+    """Height of the side faces (mm), of a dome above its spherical cap."""
+    if spec.radius_mm is None:
+        return spec.height_mm
+    rim = min(spec.width_mm / 2, spec.radius_mm)
+    return spec.height_mm - (spec.radius_mm - sqrt(spec.radius_mm**2 - rim**2))
+
+
+def bulge_mm(spec: Gelcore, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far sides stand out at a share of their height, from 0 at the gel side to 1 at the window (mm)."""
+    sagitta = spec.side_bulge_mm or 0.0
+    if not sagitta:
+        return np.zeros_like(share)
+    up = side_height_mm(spec) * (share - 0.5)
+    radius = _arc_radius_mm(spec)
+    return np.asarray(np.sign(sagitta) * (np.sqrt(radius**2 - up**2) - radius + abs(sagitta)))
+
+
+def bulge_slope(spec: Gelcore, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Change of `bulge_mm` a mm of height."""
+    sagitta = spec.side_bulge_mm or 0.0
+    if not sagitta:
+        return np.zeros_like(share)
+    up = side_height_mm(spec) * (share - 0.5)
+    return np.asarray(-np.sign(sagitta) * up / np.sqrt(_arc_radius_mm(spec) ** 2 - up**2))
+
+
+def _arc_radius_mm(spec: Gelcore) -> float:
+    """Radius of the arc that curved sides follow."""
+    sagitta = abs(spec.side_bulge_mm or 0.0)
+    return (side_height_mm(spec) ** 2 / 4 + sagitta**2) / (2 * sagitta)
+
+
+def outset(outline: NDArray[np.float64], by_mm: float) -> NDArray[np.float64]:
+    """Convex counter-clockwise polygon (n, 2) whose sides lie further out (mm)."""
+    edge = np.roll(outline, -1, axis=0) - outline
+    level = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.linalg.norm(edge, axis=1, keepdims=True)
+    before = np.roll(level, 1, axis=0)
+    both = (level + before) / (1 + (level * before).sum(axis=1, keepdims=True))
+    return np.asarray(outline + by_mm * both)
+
+
 def solid(spec: Gelcore) -> "cadquery.Workplane":
     """Build the gelcore as one closed CadQuery solid in its local frame (mm).
 
@@ -146,6 +201,8 @@ def _block(spec: Gelcore) -> "cadquery.Workplane":
         half, rise = spec.length_mm / 2, spec.window_slope * spec.length_mm / 2
         corners = [(-half, 0), (half, 0), (half, spec.height_mm + rise), (-half, spec.height_mm - rise)]
         return cadquery.Workplane("YZ").polyline(corners).close().extrude(spec.width_mm / 2, both=True)
+    if spec.side_bulge_mm:
+        return _bulged(spec)
     narrowest = spec.width_mm if spec.shape == "hexagonal" else min(spec.width_mm, spec.length_mm)
     steepest_deg = degrees(atan2(narrowest / 2, spec.height_mm))
     if spec.draft_deg >= steepest_deg:
@@ -155,6 +212,27 @@ def _block(spec: Gelcore) -> "cadquery.Workplane":
         )
     sketch = cadquery.Workplane("XY").polyline(polygon(spec).tolist()).close()
     return sketch.extrude(spec.height_mm, taper=spec.draft_deg)
+
+
+def _bulged(spec: Gelcore) -> "cadquery.Workplane":
+    """Block or prism with curved sides: what bodies that are curved across each pair of sides share."""
+    import cadquery
+
+    bulge = spec.side_bulge_mm or 0.0
+    far = spec.width_mm + spec.length_mm + 4 * abs(bulge)
+    pairs = {0.0: spec.width_mm, 90.0: spec.length_mm}
+    if spec.shape == "hexagonal":
+        pairs = dict.fromkeys((30.0, 90.0, 150.0), spec.width_mm)
+    found: cadquery.Workplane | None = None
+    for azimuth_deg, across_mm in pairs.items():
+        half, middle = across_mm / 2, spec.height_mm / 2
+        profile = cadquery.Workplane("XZ").moveTo(-half, 0).lineTo(half, 0)
+        profile = profile.threePointArc((half + bulge, middle), (half, spec.height_mm))
+        profile = profile.lineTo(-half, spec.height_mm).threePointArc((-half - bulge, middle), (-half, 0))
+        body = profile.close().extrude(far, both=True).rotate((0, 0, 0), (0, 0, 1), azimuth_deg)
+        found = body if found is None else found.intersect(body)
+    assert found is not None  # of two pairs or three
+    return found.solids()
 
 
 def _dome(spec: Gelcore, *, radius_mm: float) -> "cadquery.Workplane":
@@ -172,5 +250,10 @@ def _dome(spec: Gelcore, *, radius_mm: float) -> "cadquery.Workplane":
         )
     middle = (radius_mm * sin(half_angle), 2 * radius_mm * sin(half_angle / 2) ** 2)
     sketch = cadquery.Workplane("XZ").threePointArc(middle, (rim, cap_mm))
-    sketch = sketch.lineTo(rim, spec.height_mm).lineTo(0, spec.height_mm).close()
+    if spec.side_bulge_mm:
+        waist = (rim + spec.side_bulge_mm, (cap_mm + spec.height_mm) / 2)
+        sketch = sketch.threePointArc(waist, (rim, spec.height_mm))
+    else:
+        sketch = sketch.lineTo(rim, spec.height_mm)
+    sketch = sketch.lineTo(0, spec.height_mm).close()
     return sketch.revolve(360, (0, 0, 0), (0, 1, 0))

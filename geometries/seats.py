@@ -176,9 +176,8 @@ def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float)
             collar = collar._replace(low_mm=feet[0].high_mm)
     gaps = _free_deg(leds, BESIDE_LEDS_MM)
     widest_deg = math.degrees(TAB_MM / 2 / housing.inner_radius_mm)
-    low_mm = (
-        window_mm - min(TAB_HEIGHT_MM, 0.6 * _side_mm(core)) - abs(core.window_slope) * core.length_mm / 2
-    )
+    lower_mm = min(TAB_HEIGHT_MM, 0.6 * gelcore.side_height_mm(core))
+    low_mm = window_mm - lower_mm - abs(core.window_slope) * core.length_mm / 2
     tabs, places = [], []
     for start, width in gaps if not rings(leds) else ():  # under a level board the core has a ring of its own
         half_deg = min(widest_deg, width / 2)
@@ -228,13 +227,6 @@ def rings(leds: LedArray) -> bool:
     return all(abs(body.normal[2]) > 1 - 1e-6 for body in bodies(leds))
 
 
-def _side_mm(core: Gelcore) -> float:
-    """Height of the core's side faces."""
-    if core.radius_mm is None:
-        return core.height_mm
-    return core.height_mm - (core.radius_mm - math.sqrt(core.radius_mm**2 - (core.width_mm / 2) ** 2))
-
-
 def _free_deg(leds: LedArray, beside_mm: float) -> list[tuple[float, float]]:
     """Azimuths without LEDs: start and width of each range (deg)."""
     taken = []
@@ -272,7 +264,8 @@ def _tab(
         )
     way = np.column_stack([np.cos(turns), np.sin(turns)])
     outer = (housing.inner_radius_mm + INTO_WALL_MM) * way
-    reach = reach_mm(beside, way, grown_mm=seats.gap_mm)
+    bulge_mm = max(core.side_bulge_mm or 0.0, 0.0)
+    reach = reach_mm(beside, way, grown_mm=seats.gap_mm + bulge_mm)
     # Above the core a tab is a column up to the plate, so that it prints without support.
     upper = reach
     if seats.stop == "tabs":
@@ -431,12 +424,13 @@ def core_ring(
 
     assert housing.seats is not None
     gap, outer = housing.seats.gap_mm, housing.inner_radius_mm - housing.seats.gap_mm
-    low = window_mm - min(CORE_RING_MM, 0.6 * _side_mm(core))
+    low = window_mm - min(CORE_RING_MM, 0.6 * gelcore.side_height_mm(core))
     reach = max(float(np.hypot(*body.centre_mm[:2])) + math.hypot(*body.half_mm[:2]) for body in bodies(leds))
     upper = _disc(outer, low, board_mm).cut(
         _disc(min(reach + BESIDE_LENS_MM, outer - 0.8), low - 1, board_mm + 1)
     )
     ring = _disc(outer, low, window_mm)
+    gap += max(core.side_bulge_mm or 0.0, 0.0)
     if core.shape == "dome":
         return upper.union(ring.cut(_disc(core.width_mm / 2 + gap, low - 1, window_mm + 1))).solids()
     beside = gelcore.polygon_at(core, max(low - window_mm + core.height_mm, 0.0))

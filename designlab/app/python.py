@@ -144,6 +144,7 @@ def diagnose(
     out: str | Path,
     seed: int = 0,
     effects: Sequence[str] | None = None,
+    presses: int | None = None,
     trust: Sequence[str] = (),
     renders: str | Path | None = None,
     progress: Progress = silent,
@@ -162,6 +163,8 @@ def diagnose(
         Seed of everything random.
     effects : sequence of str, optional
         Effects to try; all that can act on the design when absent.
+    presses : int, optional
+        Of more presses, those that differ most are used; 20 when absent.
     trust : sequence of str
         Checks of the pictures to go on without.
     renders : str or Path, optional
@@ -183,7 +186,15 @@ def diagnose(
 
     frames, given = load_measurement(measurement), _model(model)
     return diagnosed(
-        frames, given, out, seed=seed, effects=effects, trust=trust, renders=renders, progress=progress
+        frames,
+        given,
+        out,
+        seed=seed,
+        effects=effects,
+        presses=presses,
+        trust=trust,
+        renders=renders,
+        progress=progress,
     )[0]
 
 
@@ -194,6 +205,7 @@ def diagnosed(
     *,
     seed: int,
     effects: Sequence[str] | None,
+    presses: int | None,
     trust: Sequence[str],
     renders: str | Path | None,
     progress: Progress,
@@ -213,6 +225,7 @@ def diagnosed(
         renders=None if renders is None else Path(renders),
         trust=trust,
         catalogue=effects,
+        presses=presses,
     )
     progress("writing the report", finding, THOUSANDTHS)
     content = write_diagnosis(found, page=Path(out) / PAGE)

@@ -86,8 +86,8 @@ def dynamic_range_use(signal: ArrayLike, mask: Mask | None = None) -> float:
     return float(np.percentile(clipped, RANGE_PERCENTILE, axis=0).min())
 
 
-def coverage(x_mm: Array, y_mm: Array, seen: Mask, area_mm: tuple[float, float]) -> float:
-    """Share of an area around the origin of the membrane that is seen.
+def coverage(x_mm: Array, y_mm: Array, seen: Mask, area: Mask) -> float:
+    """Share of an area of the membrane that is seen.
 
     Parameters
     ----------
@@ -95,14 +95,14 @@ def coverage(x_mm: Array, y_mm: Array, seen: Mask, area_mm: tuple[float, float])
         Membrane point of each pixel of a view that holds the whole area, whether the camera has it or not.
     seen : bool array, same shape
         Pixels that the camera has and that show the membrane.
-    area_mm : tuple of float
-        Width and height of the area.
+    area : bool array, same shape
+        Pixels whose membrane point lies in the area.
     """
     footprint = np.abs(
         np.gradient(x_mm, axis=1) * np.gradient(y_mm, axis=0)
         - np.gradient(x_mm, axis=0) * np.gradient(y_mm, axis=1)
     )
-    inside = footprint * within(x_mm, y_mm, area_mm)
+    inside = footprint * area
     return float(inside[seen].sum() / inside.sum())
 
 

@@ -16,6 +16,7 @@ from designlab.evaluation.noise_limit import noise_limit_deg, pressed_limit_deg
 from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol, each_of, sub_seed
 from designlab.evaluation.response_maps import (
     Responses,
+    counted_at,
     drawn,
     membrane_light,
     seen,
@@ -26,7 +27,7 @@ from designlab.evaluation.response_maps import (
 from designlab.evaluation.weakest_point import GelMaps
 from designlab.sensor.design import Design
 from designlab.simulation.imaging import Capture, expected, noise_sigma
-from designlab.simulation.simulator import GRAIN_PX, Frame, automatic_exposure
+from designlab.simulation.simulator import GRAIN_PX, Frame, automatic_exposure, metered
 
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
 SCORES = {
@@ -249,11 +250,17 @@ def exposure_scores(protocol: EvaluationProtocol, a: Frame, b: Frame) -> tuple[S
     mask, pair, step = _coarse(design, a, b, stray=True)
     names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
     automatic = design.fixed_exposure is None
+    meter = metered(design, a)
+    meter = None if meter is None else meter[::step, ::step]
 
     def figures(images: NDArray[np.floating]) -> list[float]:
         basis, stray = images[:groups], images[groups:]
         mixed = np.einsum("cg,grk->rkc", a.weights, basis)
-        scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else protocol.exposure
+        scale = (
+            automatic_exposure(mixed, grain_px=GRAIN_PX / step, within=meter)
+            if automatic
+            else protocol.exposure
+        )
         signal = expected(mixed, replace(protocol.capture(), exposure=scale))
         found = [
             scale,
@@ -266,7 +273,7 @@ def exposure_scores(protocol: EvaluationProtocol, a: Frame, b: Frame) -> tuple[S
 
     (scale, *values), (scale_error, *errors) = _over_draws(figures, pair, protocol.seed, DETAIL_DRAWS)
     both = _estimates(names[: len(values)], np.maximum(values, 0.0), errors)
-    covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
+    covered = illumination.coverage(*counted_at(design, a), seen(design, a), sensing_area(design, a))
     return both | {"coverage": Estimate(covered, 0.0, "1")}, float(scale_error / scale)
 
 

@@ -27,8 +27,19 @@ STEEP_PERCENTILE = 99.0
 
 
 def sensing_area(design: Design, frame: Frame) -> Mask:
-    """Pixels of a frame that see the sensing area."""
-    return within(frame.rays.x_mm, frame.rays.y_mm, design.sensing_area_mm)
+    """Pixels of a frame of the untouched gel that see the sensing area."""
+    return design.sensing_area.holds(*counted_at(design, frame))
+
+
+def counted_at(design: Design, frame: Frame) -> tuple[Array, Array]:
+    """Points (x, y) in mm by which pixels of a frame of the untouched gel count.
+
+    Those of the membrane. Where the sensing area is a rectangle they are those of the plane that touches its
+    apex, as in all scores on record: under a dome they lie further out.
+    """
+    if design.sensing_area_shape == "rectangle":
+        return frame.rays.x_mm, frame.rays.y_mm
+    return frame.seen_mm
 
 
 def seen(design: Design, frame: Frame) -> Mask:
@@ -39,7 +50,7 @@ def seen(design: Design, frame: Frame) -> Mask:
     on_sensor = (column >= 0) & (column <= camera.width_px) & (row >= 0) & (row <= camera.height_px)
     assert on_sensor.shape == (rows, columns)
     gel = design.elastomer
-    x, y = frame.rays.x_mm, frame.rays.y_mm
+    x, y = counted_at(design, frame)
     on_gel = within(x, y, (gel.width_mm, gel.length_mm)) & np.isfinite(base_mm(gel, x, y))
     return np.asarray(on_sensor & on_gel)
 
@@ -178,9 +189,10 @@ def gel_maps(protocol: EvaluationProtocol, untouched: Frame, response: Array) ->
     signal = light @ mix.T
     stray = np.zeros_like(light) if untouched.stray is None else np.moveaxis(untouched.stray, 0, -1)[thin]
     binned = max(untouched.rays.binned, 1.0)
+    x, y = counted_at(design, untouched)
     return GelMaps(
-        x_mm=untouched.rays.x_mm[thin],
-        y_mm=untouched.rays.y_mm[thin],
+        x_mm=x[thin],
+        y_mm=y[thin],
         area=area,
         seen=visible,
         saturated=illumination.saturated(signal_of(protocol, untouched, thin)),

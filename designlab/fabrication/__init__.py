@@ -17,6 +17,7 @@ from designlab.core.types import Progress
 from designlab.fabrication import assembly
 from designlab.fabrication import boards as led_boards
 from designlab.fabrication.boards import SUPPLY_V, BoardError, Boards
+from designlab.fabrication.boards.circuit import channels
 from designlab.fabrication.boards.files import bill_row, write_board
 from designlab.fabrication.boards.orders import solid as board_solid
 from designlab.fabrication.checks import (
@@ -193,15 +194,18 @@ def to_make(design: Design | SensorModel) -> tuple[Design, list[str]]:
 
 
 def _boards(design: Design, supply_v: float, allow_infeasible: bool) -> tuple[Boards | None, list[str]]:
-    """LED boards of a design, or none and why."""
+    """LED boards of a design, or none and why; what cannot be driven is refused, whatever is allowed."""
     if design.leds.coupling == "embedded":
         return None, ["no LED boards: the LEDs are cast into the gelcore; wire them by leds.csv"]
+    driven = False
     try:
+        channels(design, supply_v=supply_v)
+        driven = True
         return led_boards.boards(design, supply_v=supply_v), []
     except led_boards.NoPartError as error:
         return None, [f"no LED boards: {error}"]
     except BoardError as error:
-        if allow_infeasible:
+        if allow_infeasible and driven:
             return None, [f"no LED boards: {error}"]
         raise BoardError(f"{error}; or --no-boards for all but the LED boards") from None
 
@@ -256,6 +260,7 @@ def _write(
     overlaps = check_overlaps(design, {**shapes, **board_shapes}, pairs)
     if allow_infeasible:
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
+    _require_boards_apart(overlaps)
     checks += overlaps
     if design.housing.seats is not None:
         together = {**shapes, **board_shapes}
@@ -323,6 +328,18 @@ def _unseated(design: Design, made: Boards | None) -> list[str]:
     if design.housing.seats is None or made is not None or design.leds.coupling == "embedded":
         return []
     return ["the housing has no pockets for LEDs, since no LED boards are made"]
+
+
+def _require_boards_apart(overlaps: Sequence[FileCheck]) -> None:
+    """Refuse a board that reaches into another part: the design's LEDs leave it no room."""
+    for check in overlaps:
+        board, _, other = check.part.partition("/")
+        if not check.ok and board.startswith("board_"):
+            raise BoardError(
+                f"{board}: reaches {check.value:.3g} {check.unit} into {other}, at most {check.bound:g} "
+                f"{check.unit} may be; move its LEDs (leds.radius_mm, leds.height_mm), or --no-boards for "
+                "all but the LED boards"
+            )
 
 
 def _write_part(

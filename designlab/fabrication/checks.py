@@ -77,7 +77,8 @@ def check_overlaps(
     """Find the volume that each pair of parts shares; parts may touch, not overlap.
 
     A design whose light path is "air" leaves the core out of its optics and its rules, as some published
-    scenes do; there LEDs and their boards may reach into the core, and the figure is reported with a note, not failed.
+    scenes do; there LEDs and their boards may reach into the core, and the figure is reported with a note and
+    does not fail.
     """
     checks = []
     for first, second in pairs:

@@ -10,8 +10,10 @@ from designlab.measurement.depths import by_force
 from designlab.measurement.shots import Observations, Shot, force_sigma_n, observe
 from designlab.mechanics.contact import NotConverged
 from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
 
 LEAST_PLACES = 3
+MOST_PRESSES = 20  # of which more tell little that is new, each costs pictures of every effect tried
 DARK_SIGMA = 2.0  # median of a channel, in its noise without light, below which it is dark
 
 
@@ -69,6 +71,53 @@ def _alone(seen: Observations) -> Observations:
     )
     shots = tuple(shot for shot in seen.shots if shot not in beside)
     return replace(seen, shots=shots, notes=(*seen.notes, note))
+
+
+def spread_out(seen: Observations, most: int = MOST_PRESSES) -> Observations:
+    """Keep the presses that differ most in place, depth and probe, where there are more than are needed.
+
+    Of those to train on, to choose by and to judge by in the end, the same share is kept each.
+
+    Parameters
+    ----------
+    seen : Observations
+        What was photographed.
+    most : int
+        Presses to keep, repeats counted once.
+    """
+    uses = {shot.press: shot.use for shot in seen.shots if shot.press is not None}
+    if len(uses) <= most:
+        return seen
+    kept: set[Press] = set()
+    for use in dict.fromkeys(uses.values()):
+        own = [press for press in uses if uses[press] == use]
+        kept.update(_most_apart(own, max(round(most * len(own) / len(uses)), 1)))
+    left = sorted(file for s in seen.shots if s.press is not None and s.press not in kept for file in s.files)
+    note = (
+        f"{len(kept)} of {len(uses)} presses are used, those that differ most in place, depth and probe; "
+        f"left out: {', '.join(left)}"
+    )
+    shots = tuple(shot for shot in seen.shots if shot.press is None or shot.press in kept)
+    return replace(seen, shots=shots, notes=(*seen.notes, note))
+
+
+def _most_apart(presses: Sequence[Press], count: int) -> list[Press]:
+    """The deepest press, then each time the one that is farthest from all chosen before."""
+    ordered = sorted(presses, key=lambda press: (-press.stated_depth_mm, press.model_dump_json()))
+    place = np.array([[*press.centre_mm, press.stated_depth_mm] for press in ordered])
+    reach = np.ptp(place, axis=0)
+    reach[:2] = reach[:2].max()  # a place counts alike in x and y
+    place /= np.where(reach > 0, reach, 1.0)
+    probes = np.unique([press.probe.text for press in ordered], return_inverse=True)[1]
+    away = np.full(len(ordered), np.inf)
+    chosen = [0]
+    while len(chosen) < min(count, len(ordered)):
+        last = chosen[-1]
+        to_last = np.hypot(np.linalg.norm(place - place[last], axis=1), probes != probes[last])
+        away = np.minimum(away, to_last)
+        away[chosen] = -1.0
+        chosen.append(int(away.argmax()))
+    return [ordered[number] for number in chosen]
 
 
 def is_single(seen: Observations) -> bool:

@@ -8,19 +8,22 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.core.images import tone_map
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 from designlab.evaluation.evaluate import Evaluation
 from designlab.evaluation.protocol import Reconstruction
+from designlab.evaluation.response_maps import counted_at, sensing_area
 from designlab.evaluation.weakest_point import Place
 from designlab.report.figures import new_figure
 from designlab.report.plots import (
     BRIGHTEST_PERCENTILE,
     NOT_COUNTED,
+    SENSING_COLOUR,
     Extent,
     draw_relief,
     extent_mm,
     label_axes,
 )
+from designlab.simulation.simulator import metered
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +63,7 @@ class Scale(NamedTuple):
         each = [
             cls(
                 float(np.percentile(one.untouched.mixed * one.exposure, 99.9)) or 1.0,
-                _top(np.stack([group / group.mean() for group in one.untouched.basis])),
+                _top(np.stack(list(shares(one).values()))),
                 _top(limits_deg(one)),
                 max(_top(mean_errors(one.presses)[0]), LEAST_ERROR_DEG),
                 max(_top(mean_errors(one.presses)[1]), LEAST_ERROR_UM),
@@ -82,14 +85,17 @@ def figures(found: Evaluation, scale: Scale | None = None) -> dict[str, "Figure"
     """
     scale = scale or Scale.of(found)
     untouched, worst = found.untouched, found.score.worst
-    extent = extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
-    groups = dict(zip(found.design.group_names, untouched.basis, strict=True))
+    extent = extent_mm(*counted_at(found.design, untouched))
     drawn = {
         "background.png": background(untouched.mixed * found.exposure, extent, scale.signal),
-        "uniformity.png": uniformity(groups, extent, scale.share),
+        "uniformity.png": uniformity(shares(found), extent, scale.share),
         "information.png": information(limits_deg(found), extent, scale.limit_deg, worst["gel"]),
         "errors.png": errors(found.presses, extent, scale, worst["press"]),
     }
+    if found.design.sensing_area_shape != "rectangle":  # which fills the picture
+        area = sensing_area(found.design, untouched)
+        for figure in drawn.values():
+            _outline(figure, area, extent)
     if found.presses:
         hardest = worst["press"].press
         drawn["relief.png"] = felt(found.presses[hardest or 0], extent)
@@ -98,6 +104,15 @@ def figures(found: Evaluation, scale: Scale | None = None) -> dict[str, "Figure"
         mark = worst["press"] if worst["press"].press == number else None
         drawn[f"press-{number + 1:02d}-{one.frame.press.probe.kind}.png"] = press(one, extent, mark)
     return drawn
+
+
+def shares(found: Evaluation) -> dict[str, Array]:
+    """Light of each LED group on the untouched gel over its mean where the camera meters it."""
+    area = metered(found.design, found.untouched)
+    return {
+        name: image / (image if area is None else image[area]).mean()
+        for name, image in zip(found.design.group_names, found.untouched.basis, strict=True)
+    }
 
 
 def limits_deg(found: Evaluation) -> Array:
@@ -127,13 +142,12 @@ def background(signal: NDArray[Any], extent: Extent, white: float) -> "Figure":
 
 
 def uniformity(groups: Mapping[str, Array], extent: Extent, top: float) -> "Figure":
-    """Illumination of the untouched gel by each LED group, relative to its mean."""
+    """Illumination of the untouched gel by each LED group, relative to its mean, see `shares`."""
     columns = min(len(groups), MOST_COLUMNS)
     rows = -(-len(groups) // columns)
     figure = new_figure(4.0 * columns + 0.6, 3.4 * rows + 0.2)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, (name, image) in zip(panels, groups.items(), strict=False):
-        share = image / image.mean()
+    for axes, (name, share) in zip(panels, groups.items(), strict=False):
         shown = axes.imshow(share, extent=extent, cmap="cividis", vmin=0, vmax=top)
         contours = axes.contour(
             np.flipud(gaussian_filter(share, CONTOUR_SMOOTHING_PX, mode="nearest")),
@@ -334,6 +348,13 @@ def _top(values: Array) -> float:
 def _counted(press: Reconstruction, values: Array) -> Array:
     """Values of a press, NaN where they do not count."""
     return np.where(press.region, values, np.nan)
+
+
+def _outline(figure: "Figure", area: Mask, extent: Extent) -> None:
+    """Outline of the sensing area in every picture of a figure."""
+    for axes in figure.axes:
+        if axes.images:
+            axes.contour(np.flipud(area), levels=[0.5], extent=extent, colors=SENSING_COLOUR, linewidths=1.4)
 
 
 def _mark(axes: "Axes", place: Place, extent: Extent) -> None:

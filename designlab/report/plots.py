@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
 NOT_COUNTED = "#e8eaee"
+SENSING_COLOUR = "#c2185b"  # outline of the sensing area
 RELIEF_SHADING, RELIEF_HEIGHT = 8.0, 0.35  # heights of a relief: for its light; its box over the width
 NOT_SHOWN = 0.25  # grey of directions that the ball does not show
 CHANNEL_COLOURS = {"red": "#ff3b30", "r": "#ff3b30", "green": "#30d158", "g": "#30d158",

@@ -19,6 +19,7 @@ from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.contact import Contact, ContactModelAssumed, LayerContact, with_model
+from designlab.sensor.core_rules import require_agreement
 from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.field_errors import entries, explain, shown
@@ -27,6 +28,7 @@ from designlab.sensor.optical_properties import Optics
 from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
 from designlab.sensor.seating import camera_board
+from designlab.sensor.sensing_area import SensingArea, Shape
 from designlab.sensor.spectra import (
     electrons_per_j,
     emission_rows,
@@ -106,7 +108,10 @@ class Design(Spec):
     camera : Camera
         The camera.
     sensing_area_mm : tuple of two float
-        Width and height in mm of the area where scores count, centred on the membrane.
+        Width and height in mm of the area where scores count, centred on the membrane and measured along x
+        and y.
+    sensing_area_shape : {"rectangle", "ellipse"}
+        Shape of that area; width and height are the full axes of an ellipse.
     mixing : tuple of three rows, optional
         Response of each camera channel to each LED group, shape (3, groups), without unit. It follows from
         LED spectra and camera sensitivities when absent.
@@ -141,6 +146,8 @@ class Design(Spec):
     """The camera."""
     sensing_area_mm: tuple[float, float] = (14.0, 10.5)
     """Width and height of the area where scores count, centred on the membrane (mm)."""
+    sensing_area_shape: Shape = "rectangle"
+    """Shape of that area; width and height are the full axes of an ellipse, a disc where they are equal."""
     mixing: tuple[tuple[float, ...], ...] | None = None
     """Response of each camera channel (rows R, G, B) to each LED group (columns); when absent, it follows
     from LED spectra and camera.sensitivity, and without that it is the unit matrix."""
@@ -209,36 +216,7 @@ class Design(Spec):
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
                 "light in air meets no core"
             )
-        finish = self.gelcore.led_side_finish
-        if finish is not None and self.leds.coupling == "embedded":
-            raise ValueError(
-                f"gelcore.led_side_finish: no side lets light in where LEDs are embedded, got {finish!r}; "
-                "give gelcore.side_finish, which holds for all"
-            )
-        if finish == "painted" and self.leds.coupling == "air_gap":
-            raise ValueError(
-                "gelcore.led_side_finish: 'painted' keeps the light of LEDs behind an air gap out; glue them "
-                "on (leds.coupling = 'bonded') or give another finish"
-            )
-        if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
-            raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
-        if self.gelcore.cavity is not None and any(self.optics.housing_reflectance):
-            raise ValueError(
-                "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
-                "plane windows only"
-            )
-        if self.gelcore.wedge_deg is not None:
-            for name, value in (
-                ("optics.gelcore_scattering_per_mm", self.optics.gelcore_scattering_per_mm),
-                ("optics.housing_reflectance", max(self.optics.housing_reflectance)),
-            ):
-                if value:
-                    raise ValueError(
-                        f"gelcore.wedge_deg: {name} is simulated under level windows only, got {value:g}; "
-                        "give 0"
-                    )
-            if self.elastomer.shape == "dome":
-                raise ValueError("gelcore.wedge_deg: a wedge carries a flat or freeform gel, got a dome")
+        require_agreement(self.gelcore, self.elastomer, self.leds, self.optics)
         if self.housing.seats is not None:
             try:
                 camera_board(self.housing.seats.camera)
@@ -249,8 +227,6 @@ class Design(Spec):
                     "housing.seats: seats hold a camera that looks straight down, camera.mirror is given; "
                     "take one of both away"
                 )
-        if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
-            raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
 
     def _require_spectra(self) -> None:
@@ -279,6 +255,8 @@ class Design(Spec):
             del content["contact"]["model"]
         if self.camera.pixel_aspect == 1.0:
             del content["camera"]["pixel_aspect"]
+        if self.sensing_area_shape == "rectangle":
+            del content["sensing_area_shape"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def __repr__(self) -> str:
@@ -286,10 +264,15 @@ class Design(Spec):
         groups = ", ".join(f"{g.name} {g.count * len(g.azimuth_deg)}" for g in self.leds.groups)
         return (
             f"Design({self.name!r}: {self.elastomer.shape} gel {self.elastomer.thickness_mm:g} mm, "
-            f"LEDs {groups}, {self.sensing_area_mm[0]:g} x {self.sensing_area_mm[1]:g} mm)"
+            f"LEDs {groups}, {self.sensing_area})"
         )
 
     __str__ = __repr__
+
+    @property
+    def sensing_area(self) -> SensingArea:
+        """The area where scores count."""
+        return SensingArea(*self.sensing_area_mm, self.sensing_area_shape)
 
     @property
     def changes(self) -> dict[str, tuple[Any, Any]]:
@@ -448,15 +431,8 @@ class Design(Spec):
 
     def view(self, columns: int) -> View:
         """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""
-        width, height = self.sensing_area_mm
         # Straight edges stay straight in a perspective; a distorted edge may bulge beyond its corners.
-        count = 2 if self.camera.is_plain else EDGE_POINTS
-        along_x, along_y = (
-            np.linspace(-width / 2, width / 2, count),
-            np.linspace(-height / 2, height / 2, count),
-        )
-        edge = [(x, y) for x in along_x[[0, -1]] for y in along_y]
-        edge += [(x, y) for x in along_x[1:-1] for y in along_y[[0, -1]]]
+        edge = self.sensing_area.outline_mm(2 if self.camera.is_plain else EDGE_POINTS)
         return View.around([self.project_px(float(x), float(y)) for x, y in edge], columns)
 
     def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,8 @@ from geometries.seats import WIDEST_OPEN_DEG, rings, widest_gap_deg
 
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
-LEAST_TOP_MM = 1.0  # width of a drafted core at the window: its sides must not meet below
+LEAST_TOP_MM = 1.0  # width of a drafted core at the window, of a hollow one: its sides must not meet
+SIDE_PIECES = 12  # convex ones, one over the other, that stand for a core with curved sides
 LEAST_SIDE_MM = 0.1  # height of a dome core's side, which light enters through: a printer's layer
 FORGIVEN_MM = 0.01  # of two spheres: what a mould reproduces; more means a gel of uneven thickness
 FORGIVEN_MM3 = 0.3  # that a core cuts into its gel; an export checks for less than 1 mm3
@@ -42,18 +43,20 @@ RULES: dict[str, str] = {
     "core_inside_housing": "gelcore and elastomer fit into the housing",
     "core_below_plate": "the gelcore ends below the camera plate",
     "elastomer_on_core": "the elastomer does not reach beyond the gelcore",
-    "core_sides": f"a gelcore whose sides are drafted is at least {LEAST_TOP_MM:g} mm wide at the window",
+    "core_sides": f"a gelcore whose sides are drafted or hollow is at least {LEAST_TOP_MM:g} mm wide",
     "core_radius": "gelcore.radius_mm of a dome is at least half of gelcore.width_mm",
     "core_height": "gelcore.height_mm of a dome exceeds the height of its spherical cap by "
     f"{LEAST_SIDE_MM} mm or more",
     "cavity_in_core": f"around a hollow the gelcore is at least {MINIMUM_WALL_MM} mm thick",
     "dome_radius": "elastomer.radius_mm of a dome is at least half of elastomer.width_mm",
     "dome_core": "gelcore and elastomer of a dome are concentric spheres",
-    "sensing_area_on_membrane": "the sensing area lies on the membrane",
+    "sensing_area_on_membrane": "the sensing area lies on the membrane, where that is at most "
+    f"{elastomer.STEEPEST_DEG:g} deg steep",
     "camera_sees_membrane": "the sensing area lies inside the camera's field of view",
     "camera_above_core": "the camera stands above the gelcore",
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
-    "view_through_window": "the camera sees the sensing area through the gelcore's clear window",
+    "view_through_window": "the camera sees the sensing area through the gelcore's clear window and between "
+    "its sides",
     "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
     "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
     "mirror_above_core": "camera and mirror stand above the gelcore",
@@ -100,13 +103,20 @@ def shape_margins(core: Gelcore, gel: Elastomer) -> dict[str, float]:
     if core.radius_mm is None:
         across = core.width_mm if core.shape != "slab" else min(core.width_mm, core.length_mm)
         top_mm = across - 2 * core.height_mm * math.tan(math.radians(core.draft_deg))
-        return found | {"core_sides": LEAST_TOP_MM - top_mm}
+        return found | {"core_sides": LEAST_TOP_MM - top_mm + 2 * _waist_mm(core)}
     rim = min(core.width_mm / 2, core.radius_mm)
     cap_mm = core.radius_mm - math.sqrt(core.radius_mm**2 - rim**2)
+    if _waist_mm(core):
+        found["core_sides"] = LEAST_TOP_MM - core.width_mm + 2 * _waist_mm(core)
     return found | {
         "core_radius": core.width_mm / 2 - core.radius_mm,
         "core_height": cap_mm + LEAST_SIDE_MM - core.height_mm,
     }
+
+
+def _waist_mm(core: Gelcore) -> float:
+    """How far hollow sides of a core recede midway."""
+    return max(-(core.side_bulge_mm or 0.0), 0.0)
 
 
 def _led_margins(design: Parts) -> dict[str, float]:
@@ -155,6 +165,19 @@ class _Convex(NamedTuple):
             edges.append(leaning / np.linalg.norm(leaning, axis=1, keepdims=True))
         return cls(np.concatenate([low, high]), np.concatenate(normals), np.concatenate(edges))
 
+    @classmethod
+    def frustum(cls, low: Array, high: Array, bottom_mm: float, top_mm: float) -> "_Convex":
+        """Body between two convex polygons with parallel sides, one over the other."""
+        outward, along = _sides(low)
+        lean = ((high - low) * outward).sum(axis=1) / (top_mm - bottom_mm)
+        normals = np.column_stack([outward, -lean]) / np.hypot(1.0, lean)[:, None]
+        below = np.column_stack([low, np.full(len(low), bottom_mm)])
+        above = np.column_stack([high, np.full(len(high), top_mm)])
+        slant = (above - below) / np.linalg.norm(above - below, axis=1)[:, None]
+        level = np.column_stack([along, np.zeros(len(along))])
+        faces = np.concatenate([normals, [[0.0, 0.0, 1.0]]])
+        return cls(np.concatenate([below, above]), faces, np.concatenate([level, slant]))
+
 
 def _sides(polygon: Array) -> tuple[Array, Array]:
     """Unit outward normals and unit directions of the sides of a counter-clockwise polygon."""
@@ -187,8 +210,11 @@ def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
     if design.leds.coupling == "air_gap":
         # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
         outline = gelcore.polygon(design.gelcore, segments=72)
-        core = _Convex.prism(outline, _window_mm(design), design.gelcore.window_slope)
-        return max(_overlap(box, core) for box in boxes)
+        if design.gelcore.side_bulge_mm:
+            pieces = _curved_core(design, outline)
+        else:
+            pieces = [_Convex.prism(outline, _window_mm(design), design.gelcore.window_slope)]
+        return max(_overlap(box, piece) for box in boxes for piece in pieces)
     walls = sides(design)
 
     def outside(points: Array) -> Array:
@@ -207,6 +233,22 @@ def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
     gel = _Convex.prism(elastomer.polygon(soft, segments=72), soft.thickness_mm)
     overlap = max(max(_overlap(box, core), _overlap(box, gel)) for box in boxes) - 1e-3
     return max(float(apart.max()), overlap)
+
+
+def _curved_core(design: Parts, outline: Array) -> list[_Convex]:
+    """Gel and a core with curved sides, in convex pieces one over the other.
+
+    Pieces of an outward bulge lie inside it by up to 1 / `SIDE_PIECES`^2 of it.
+    """
+    core, top_mm = design.gelcore, _window_mm(design)
+    rim_mm = top_mm - gelcore.side_height_mm(core)
+    share = np.linspace(0.0, 1.0, SIDE_PIECES + 1)
+    rings = [gelcore.outset(outline, float(out)) for out in gelcore.bulge_mm(core, share)]
+    heights = rim_mm + share * (top_mm - rim_mm)
+    pieces = [_Convex.prism(outline, rim_mm)]
+    for (low, high), (bottom, top) in zip(pairwise(rings), pairwise(heights), strict=True):
+        pieces.append(_Convex.frustum(low, high, float(bottom), float(top)))
+    return pieces
 
 
 def _core_body(design: Parts) -> _Convex:
@@ -272,18 +314,17 @@ def tangents(design: Parts, points: Array) -> Array:
 
 
 def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
-    """Corners of the sensing area as the camera sees them, counter-clockwise, in mm at its apparent distance.
+    """Outline of the sensing area as the camera sees it, counter-clockwise, in mm at its apparent distance.
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
     """
     _, y_c, z_c = design.camera.eye_mm
-    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
+    outline = design.sensing_area.outline_mm()
+    base = np.nan_to_num(elastomer.base_mm(design.elastomer, outline[:, 0], outline[:, 1]))
     window_mm = _window_mm(design) + max(design.gelcore.window_slope * y_c, 0.0)
     lifted_mm = max(z_c, window_mm + 0.01, float(base.max()) + 0.01)
     distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
-    tangents = design.tangents_to(np.column_stack([corners, base]), camera_mm=lifted_mm)
+    tangents = design.tangents_to(np.column_stack([outline, base]), camera_mm=lifted_mm)
     return tangents * distance_mm, distance_mm
 
 
@@ -307,7 +348,8 @@ def _body_margins(design: Parts) -> dict[str, float]:
             dome_core = _off_concentric(core, core.radius_mm, gel.radius_mm - gel.thickness_mm)
         else:
             dome_core = gel.radius_mm  # a flat core under a dome gel: not concentric at all
-    reach = max(np.hypot(*core_polygon.T).max(), np.hypot(*gel_polygon.T).max())
+    widest = gelcore.outset(core_polygon, max(core.side_bulge_mm or 0.0, 0.0))
+    reach = max(np.hypot(*widest.T).max(), np.hypot(*gel_polygon.T).max())
     return {
         "core_inside_housing": float(reach) - housing.inner_radius_mm,
         "core_below_plate": _highest_mm(design) - housing.top_mm,
@@ -345,7 +387,8 @@ def _thinnest_beside_cavity(design: Parts) -> float:
     outward, _ = _sides(outline)
     sides = float((outline * outward).sum(-1).min())  # nearest side, from the axis
     lean = math.tan(math.radians(core.draft_deg)) * height
-    beside = sides - lean - radius
+    share = 1.0 - (core.height_mm - height) / gelcore.side_height_mm(core)
+    beside = sides + gelcore.bulge_mm(core, np.clip(share, 0.0, 1.0)) - lean - radius
     return MINIMUM_WALL_MM - float(min(below.min(), beside.min()))
 
 
@@ -407,6 +450,17 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     return found
 
 
+def _too_far_down(gel: Elastomer, outline: Array) -> float:
+    """How far an outline reaches down the flank of a dome to where heights over (x, y) tell no shape.
+
+    1 um is forgiven.
+    """
+    if gel.radius_mm is None:
+        return -math.inf
+    steepest_mm = gel.radius_mm * math.sin(math.radians(elastomer.STEEPEST_DEG))
+    return float(np.linalg.norm(outline, axis=1).max()) - steepest_mm - 1e-3
+
+
 def _beyond_picture(camera: Camera, tangents: Array) -> float:
     """How far a polygon of directions (n, 2) reaches out of the picture, in focal lengths.
 
@@ -423,8 +477,7 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
 def _camera_margins(design: Parts) -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
     x_c, y_c, z_c = camera.eye_mm
-    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
+    outline = design.sensing_area.outline_mm()
     seen, distance_mm = _sensing_area_seen(design)
     through = -math.inf
     if design.optics.light_path == "core":
@@ -433,6 +486,9 @@ def _camera_margins(design: Parts) -> dict[str, float]:
         drop_mm = max(z_c - _window_mm(design) - slope * y_c, 0.0) / (1 + slope * towards[:, 1:])
         at_window = np.array([x_c, y_c]) + towards * drop_mm
         through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
+        if _waist_mm(core):  # rays pass it midway between window and membrane
+            waist = gelcore.outset(gelcore.polygon(core), -_waist_mm(core))
+            through = max(through, _beyond((at_window + outline) / 2, waist))
     mirror, beside, lowest = camera.mirror, -math.inf, math.inf
     if mirror is not None:
         across, along, _ = mirror.axes
@@ -448,7 +504,9 @@ def _camera_margins(design: Parts) -> dict[str, float]:
         at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
         hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
-        "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
+        "sensing_area_on_membrane": max(
+            _beyond(outline, elastomer.polygon(design.elastomer)), _too_far_down(design.elastomer, outline)
+        ),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) + max(core.window_slope * y_c, 0.0) - z_c,
         "camera_clears_plate": -math.inf

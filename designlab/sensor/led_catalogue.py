@@ -1,8 +1,8 @@
 """LEDs that can be bought: what their data sheets say, and how it fills the fields of a design.
 
 Only figures that were read in the named source stand here; None means that it was not found there. What LED
-boards need and no source at hand states is assumed, and named in `assumed`. Emitting sizes were found for none:
-the whole front of a package is taken to emit (assumption).
+boards need and no source at hand states is assumed, and named in `assumed`. Emitting sizes were found for
+none: the whole front of a package is taken to emit (assumption).
 """
 
 from collections.abc import Collection, Mapping

@@ -5,6 +5,7 @@ from typing import Protocol
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera
 from designlab.sensor.optical_properties import Optics
+from designlab.sensor.sensing_area import SensingArea
 from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
@@ -45,8 +46,8 @@ class Parts(Protocol):
         ...
 
     @property
-    def sensing_area_mm(self) -> tuple[float, float]:
-        """Width and height of the area that counts (mm)."""
+    def sensing_area(self) -> SensingArea:
+        """The area that counts."""
         ...
 
     def tangents_to(self, points: Array, *, camera_mm: float | None = None) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import png_bytes, tone_map
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.approach import above_mm, named
@@ -129,8 +129,11 @@ class Frame:
 
     @cached_property
     def share_touching(self) -> float | None:
-        """Share of what of the probe lies over the picture that touches; None where nothing does."""
-        if self.press is None:
+        """Share of what of the probe lies over the picture that touches; None where nothing does.
+
+        It is told of presses along the axis alone.
+        """
+        if self.press is None or self.press.direction == "normal":
             return None
         over = np.isfinite(above_mm(self.press, np.zeros_like(self.height_mm), *self.seen_mm))
         return float(self.contact[over].mean()) if over.any() else None
@@ -411,12 +414,22 @@ class Simulator:
 def exposure(design: Design, *untouched: Frame) -> float:
     """Signal as a share of full scale per unit of radiance: the design's own, or set by the untouched gel.
 
-    Of several frames of the untouched gel the mean counts.
+    Of several frames of the untouched gel the mean counts; see `metered` for where.
     """
     fixed = design.fixed_exposure
     if fixed is not None:
         return fixed
-    return automatic_exposure(np.mean([frame.mixed for frame in untouched], axis=0))
+    return automatic_exposure(
+        np.mean([frame.mixed for frame in untouched], axis=0), within=metered(design, untouched[0])
+    )
+
+
+def metered(design: Design, untouched: Frame) -> Mask | None:
+    """Pixels by which the camera sets its exposure: all, or those that see a sensing area that is round."""
+    if design.sensing_area_shape == "rectangle":
+        return None
+    mask = design.sensing_area.holds(*untouched.seen_mm)
+    return mask if mask.any() else None
 
 
 def saturation_share(design: Design, frame: Frame) -> float | None:
@@ -438,7 +451,9 @@ def saturation_warning(share: float | None, of: str = "the picture") -> list[str
     ]
 
 
-def automatic_exposure(mixed: NDArray[np.floating], *, grain_px: float = GRAIN_PX) -> float:
+def automatic_exposure(
+    mixed: NDArray[np.floating], *, grain_px: float = GRAIN_PX, within: Mask | None = None
+) -> float:
     """Exposure that puts the bright end of a picture of the untouched gel at `TARGET_SIGNAL`.
 
     Parameters
@@ -447,9 +462,12 @@ def automatic_exposure(mixed: NDArray[np.floating], *, grain_px: float = GRAIN_P
         Linear radiance.
     grain_px : float
         Smoothing; render noise would pass for brightness.
+    within : bool array, shape (rows, columns), optional
+        Pixels that count; all when absent.
     """
     smooth = gaussian_filter(mixed, (grain_px, grain_px, 0), mode="nearest")
-    return TARGET_SIGNAL / float(np.percentile(smooth, TARGET_PERCENTILE))
+    counted = smooth if within is None else smooth[within]
+    return TARGET_SIGNAL / float(np.percentile(counted, TARGET_PERCENTILE))
 
 
 def render(

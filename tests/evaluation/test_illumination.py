@@ -1,5 +1,7 @@
 """Figures of illumination against closed forms: even light, a ramp, a point light, a distant light."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from designlab.evaluation.illumination import (
     within,
 )
 from designlab.evaluation.noise_limit import responses
+from designlab.sensor.sensing_area import SensingArea
 
 X, Y = np.meshgrid((np.arange(200) - 99.5) * 0.1, (74.5 - np.arange(150)) * 0.1)
 
@@ -73,12 +76,12 @@ def test_stray_light_is_the_share_of_what_is_added():
 
 def test_coverage_counts_membrane_not_pixels():
     everything = np.ones(X.shape, dtype=bool)
-    assert coverage(X, Y, everything, (16.0, 12.0)) == 1
+    assert coverage(X, Y, everything, within(X, Y, (16.0, 12.0))) == 1
     # the sensor ends at x = 4 of -8..8
-    assert coverage(X, Y, X < 4, (16.0, 12.0)) == pytest.approx(0.75, abs=0.01)
+    assert coverage(X, Y, X < 4, within(X, Y, (16.0, 12.0))) == pytest.approx(0.75, abs=0.01)
     # a perspective whose pixels grow to the right: x = u + 0.02 u^2, cut at x = 0, so half of -8..8
     stretched = X + 0.02 * X**2
-    seen = coverage(stretched, Y, stretched < 0, (16.0, 12.0))
+    seen = coverage(stretched, Y, stretched < 0, within(stretched, Y, (16.0, 12.0)))
     assert seen == pytest.approx(0.5, abs=0.01)
     assert (stretched < 0)[within(stretched, Y, (16.0, 12.0))].mean() > 0.53  # of the pixels
 
@@ -126,3 +129,12 @@ def test_a_slope_must_be_one():
     assert shadow_share(0.0, slope_deg=30) == 0
     with pytest.raises(ValueError, match="slope_deg: must be between 0 and 90 deg, got 90"):
         shadow_share(45.0, slope_deg=90)
+
+
+@pytest.mark.parametrize("size", [(16.0, 12.0), (8.0, 8.0), (5.0, 10.0)])
+def test_coverage_of_an_ellipse_is_a_share_of_the_ellipse(size):
+    """Closed form: the segment of a disc beyond a chord at half of its radius is not seen."""
+    area = SensingArea(*size, "ellipse")
+    kept = 1 - (math.acos(0.5) - 0.5 * math.sqrt(0.75)) / math.pi
+    on_sensor = size[0] / 4 > X
+    assert coverage(X, Y, on_sensor, area.holds(X, Y)) == pytest.approx(kept, abs=0.015)

@@ -1,5 +1,7 @@
 """Which presses an evaluation makes: the same for all designs that are compared."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,53 @@ def test_what_a_test_press_lifts_ends_within_the_picture(name):
         width, height = simulator.design.sensing_area_mm
         assert np.abs(x[lifted]).max() < width / 2, press
         assert np.abs(y[lifted]).max() < height / 2, press
+
+
+ROUND_AREAS = ((16.0, 12.0), (10.0, 10.0), (8.0, 14.0))
+
+
+@pytest.mark.parametrize("area_mm", ROUND_AREAS)
+def test_every_press_touches_within_a_round_sensing_area(area_mm):
+    design = FLAT.replace({"sensing_area_mm": area_mm, "sensing_area_shape": "ellipse"})
+    plan = PressPlan.of(design)
+    assert not plan.broken(design)
+    presses = plan.presses(rounds=3, seed=3)
+    places = np.array([press.centre_mm for press in presses.calibration])
+    assert np.linalg.norm(places[:, None] - places[None], axis=-1)[np.triu_indices(9, 1)].min() > 0.5
+    for press in [*presses.calibration, *presses.test]:
+        surface = indent(design.elastomer, design.contact, press, area_mm=(40.0, 40.0), pitch_mm=0.1)
+        rows, columns = np.nonzero(surface.contact)
+        assert design.sensing_area.holds(surface.x_mm[columns], surface.y_mm[rows]).all()
+
+
+@pytest.mark.parametrize("size", ROUND_AREAS)
+def test_designs_of_both_shapes_share_an_ellipse_and_plans_of_rectangles_stay_as_on_record(size):
+    rectangle = FLAT.replace({"sensing_area_mm": size})
+    ellipse = rectangle.replace({"sensing_area_shape": "ellipse"})
+    assert "area_shape" not in PressPlan.of(rectangle).to_json()
+    plan = PressPlan.of(rectangle, ellipse)
+    assert plan.to_json()["area_shape"] == "ellipse"
+    assert PressPlan.model_validate(plan.to_json()) == plan
+    assert not plan.broken(rectangle)
+    corner = (math.sqrt(2) - 1) * min(size)  # by which the ellipse cuts the rectangle's corners
+    assert PressPlan.of(rectangle).broken(ellipse) == {"press_area": pytest.approx(corner)}
+    inner = PressPlan.on((0.7 * size[0], 0.7 * size[1]))
+    assert not inner.broken(ellipse)
+
+
+@pytest.mark.faults
+def test_a_plan_of_a_rectangle_is_refused_on_an_ellipse_with_both_sizes():
+    ellipse = FLAT.replace({"sensing_area_shape": "ellipse"})
+    said = "press_area: .* presses take 16 x 12 mm, the sensing area is ellipse of 16 x 12 mm"
+    with pytest.raises(InfeasibleDesign, match=said):
+        PLAN.require_possible(ellipse)
+
+
+def test_a_plan_says_along_what_it_presses_and_plans_on_record_stay_as_they_are():
+    assert "direction" not in PLAN.to_json()
+    plan = PressPlan.of(FLAT, direction="normal")
+    assert {press.direction for kind in plan.presses(rounds=1, seed=0) for press in kind} == {"normal"}
+    assert PressPlan.model_validate(plan.to_json()) == plan
+    assert plan.text() == f"{PLAN.text()}, along the normal"
+    with pytest.raises(ValueError, match="presses: field direction: Input should be 'axis' or 'normal'"):
+        PressPlan.of(FLAT, direction="z")

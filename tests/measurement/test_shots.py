@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy.spatial.distance import pdist
 
 from designlab.measurement import (
     MeasuredFrame,
@@ -10,12 +13,14 @@ from designlab.measurement import (
     write_measurement,
 )
 from designlab.measurement.quality.invariants import invariants
-from designlab.measurement.shots import observe, within
-from designlab.measurement.usable_frames import is_single, observe_apart
+from designlab.measurement.shots import Observations, Shot, observe, within
+from designlab.measurement.usable_frames import is_single, observe_apart, spread_out
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
 from designlab.simulation.contact.indentation import indent
+from designlab.simulation.contact.press import Press
 from designlab.simulation.imaging import Capture, noise_sigma, reported
+from geometries.probes import parse
 
 DESIGN, ELASTIC = preset("gelsight-2020-flat"), preset("gelsight-2020-flat-elastic")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0
@@ -375,3 +380,49 @@ def test_where_no_press_is_left_the_error_says_why(tmp_path) -> None:
     words = r"none is left for train, select, final\. press-0\.exr: left out, .* no force.*; 2 more are left"
     with pytest.raises(MeasurementError, match=words):
         observe_apart(measured(tmp_path / "m", depth_mm=None, force_n=1.0), DESIGN, columns=128)
+
+
+def many_presses(count: int, *, seed: int = 1) -> Observations:
+    """Shots of balls at random places and depths, each photographed twice, before a background."""
+    draw = np.random.default_rng(seed)
+    pixels, noise = np.zeros((2, 2, 3)), np.ones(3)
+
+    def shot(file, use, press):
+        view, valid = DESIGN.camera.full_view(), pixels == 0
+        return Shot((file,), use, press, np.ones(4), np.ones(3), view, pixels, pixels, valid, noise)
+
+    shots = [shot("background.exr", "background", None)]
+    for number in range(count):
+        kind = "cone:4" if number % 10 == 0 else "sphere:4"
+        x, y, deep = draw.uniform((-6, -4, 0.2), (6, 4, 0.9))
+        press = Press(probe=parse(kind), depth_mm=deep, centre_mm=(x, y))
+        use = ("train", "select", "final", "train")[number % 4]
+        shots += [shot(f"press-{number:02d}-{repeat}.exr", use, press) for repeat in range(2)]
+    return Observations(tuple(shots), np.zeros(3), "assumed", False, False, ())
+
+
+@pytest.mark.parametrize(("count", "most"), [(40, 20), (24, 8), (100, 20)])
+def test_of_many_presses_those_that_differ_most_are_kept(count, most):
+    seen = many_presses(count)
+    kept = spread_out(seen, most)
+    assert len(set(kept.presses)) == most
+    assert len(kept.presses) == 2 * most, "repeats stay together"
+    assert kept.shots[0] is seen.shots[0], "the background stays"
+    assert len({shot.press for shot in kept.shots if shot.use == "train"}) == most // 2
+    assert {press.probe.kind for press in kept.presses} == {"sphere", "cone"}
+    assert f"{most} of {count} presses are used" in kept.notes[-1]
+    assert sum(file in kept.notes[-1] for shot in seen.shots for file in shot.files) == 2 * (count - most)
+
+    def closest(presses):
+        places = np.array([press.centre_mm for press in set(presses)])
+        return pdist(places).min()
+
+    by_chance = [many_presses(most, seed=seed).presses for seed in range(2, 8)]
+    assert closest(kept.presses) > np.median([closest(presses) for presses in by_chance])
+
+
+def test_few_presses_are_all_kept_and_order_of_the_file_does_not_matter():
+    seen = many_presses(20)
+    assert spread_out(seen, 20) is seen
+    turned = replace(seen, shots=seen.shots[:1] + seen.shots[:0:-1])
+    assert set(spread_out(turned, 9).presses) == set(spread_out(seen, 9).presses)

@@ -130,6 +130,8 @@ def _add_designs(add: Any) -> None:
     _option(evaluate, "--fidelity", "effort", choices=FIDELITIES)
     _option(evaluate, "--profile", "show how long each part took")
     _presses(evaluate)
+    text = "along the sensor's axis (default) or the membrane's normal at each place"
+    _option(evaluate, "--direction", text, choices=("axis", "normal"), default="axis")
     own = "of elastic gels: saturation depth and lateral resolution too, as fidelity standard"
     _option(evaluate, "--all-scores", own)
     _seed(evaluate)
@@ -147,6 +149,8 @@ def _add_designs(add: Any) -> None:
     _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
     _option(press, "--force-n F", "force (N) instead of a depth, on an elastic gel", type=float)
     _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
+    text = "along the sensor's axis (default) or the membrane's normal at that place"
+    _option(press, "--direction", text, choices=("axis", "normal"), default=None)
     _option(press, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
     _option(press, "--shear-mm X,Y", "how far it is then moved sideways (mm)", type=_point)
     _option(press, "--twist-deg A", "how far it is then turned, counter-clockwise (deg)", type=float)
@@ -470,6 +474,8 @@ def _add_gap(add: Any) -> None:
     )
     _option(diagnose, "measurement MEASUREMENT", "folder with a measurement.toml")
     _option(diagnose, "--model MODEL", MODEL_HELP, required=True)
+    most = "presses to use at most, those that differ most in place, depth and probe (default: 20)"
+    _option(diagnose, "--most-presses N", most, type=_whole(3, 10_000))
     _out(diagnose, "folder of the report and the updated model; the same command again goes on there")
     _trust(diagnose)
     _option(diagnose, "--renders DIR", "folder of pictures that several diagnoses share (default: in --out)")

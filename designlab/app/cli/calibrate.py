@@ -70,7 +70,7 @@ def calibrate(args: Namespace) -> Result:
     files = {"design": DESIGN, "result": RESULT, "picture": PICTURE, "report": PAGE}
     data |= as_understood(meshes)
     data["files"] = {what: str(out / name) for what, name in files.items()}
-    words = [] if drawn is None else layout_words(found, drawn, failed=verdict.word == "failed")
+    words = [] if drawn is None else layout_words(found, drawn, verdict.word)
     data |= {"layout": words} if words else {}
     lines = [
         f"fit: {verdict.word}",

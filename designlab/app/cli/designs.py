@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from geometries.mesh_files import Understood
 
 PAGE = "report.html"
-PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg", "probe_unit", "probe_side")
+PRESSED = (
+    "depth_mm", "force_n", "at", "direction", "yaw_deg", "shear_mm", "twist_deg", "probe_unit", "probe_side"
+)  # fmt: skip
 UNLIKE = 1.25  # ratio of brightness from which other figures than structure say little
 GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
 
@@ -212,7 +214,8 @@ def _plan(args: Namespace, *models: "SensorModel") -> "PressPlan":
     from designlab.evaluation.press_plan import PressPlan
 
     designs = [model.effective_design() for model in models]
-    return PressPlan.of(*designs, depth_mm=args.depth_mm, force_n=args.force_n)
+    strength = {"depth_mm": args.depth_mm, "force_n": args.force_n}
+    return PressPlan.of(*designs, direction=args.direction, **strength)
 
 
 def _evaluated(args: Namespace, model: "SensorModel", source: str, plan: "PressPlan") -> "Evaluation":
@@ -336,6 +339,7 @@ def _press(args: Namespace) -> "Press | None":
             depth_mm=args.depth_mm,
             force_n=args.force_n,
             centre_mm=args.at or (0.0, 0.0),
+            direction=args.direction or "axis",
             yaw_deg=args.yaw_deg or 0.0,
             shear_mm=args.shear_mm or (0.0, 0.0),
             twist_deg=args.twist_deg or 0.0,

@@ -105,6 +105,7 @@ def diagnose(args: Namespace) -> Result:
             args.out,
             seed=args.seed,
             effects=args.effects,
+            presses=args.most_presses,
             trust=args.trust,
             renders=args.renders,
             progress=progress,

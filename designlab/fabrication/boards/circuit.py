@@ -62,8 +62,9 @@ class Resistor(NamedTuple):
 class Channel(NamedTuple):
     """How the LEDs of one group are driven: each chip has a resistor of its own.
 
-    `current_ma` is what the resistor lets through; `flux_mw` the chip's flux then, and `wanted_mw` that of the
-    design. `from_flux` says whether the current follows from the design's flux; else it is the part's own.
+    `current_ma` is what the resistor lets through; `flux_mw` the chip's flux then, and `wanted_mw` that of
+    the design. `from_flux` says whether the current follows from the design's flux; if not, it
+    is the part's own.
     """
 
     group: LedGroup
@@ -147,15 +148,13 @@ def channels(
 
 
 def front_limit_mm(array: LedArray) -> tuple[float, float]:
-    """Largest front (width, height) that an LED of the array may have: of a panel, that of its strips (mm)."""
+    """Largest front (width, height) that an LED of the array may have; of a panel, its strips' (mm)."""
     if array.package != "panel":
         return array.body_width_mm, array.body_height_mm
     return array.emitting_width_mm, min(high - low for low, high in array.emitting_spans_mm)
 
 
-def _channel(
-    design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None
-) -> Channel:
+def _channel(design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None) -> Channel:
     array, group = design.leds, design.leds.groups[index]
     named = group.part or array.part
     name = named or stand_in or stand_ins(array)[0]
@@ -255,20 +254,20 @@ def _colour(part: LedPart, group: LedGroup, where: str) -> str:
     colour = _match(part, group)
     if colour is None:
         raise BoardError(
-            f"{where}: has {', '.join(part.chips)}, none within {NEAR_NM:g} nm of {group.wavelength_nm:g} nm; "
-            "name the group after one"
+            f"{where}: has {', '.join(part.chips)}, none within {NEAR_NM:g} nm of "
+            f"{group.wavelength_nm:g} nm; name the group after one"
         )
     return colour
 
 
 def _resistor(where: str, chip: Chip, supply_v: float, wanted_ma: float) -> tuple[Resistor, float]:
-    """Nearest value of E24 that keeps the part's limit, in the smallest size that bears it, and the current."""
+    """Nearest value of E24 that keeps the part's limit, in the smallest size that bears it; the current."""
     forward_v, limit_ma = float(chip.forward_v or 0.0), float(chip.current_max_ma or 0.0)
     across_v = supply_v - forward_v
     if across_v < HEADROOM_V:
         raise BoardError(
-            f"{where}: forward voltage {forward_v:g} V needs a supply of {forward_v + HEADROOM_V:g} V or more "
-            f"({HEADROOM_V:g} V for resistor and switch), supply_v is {supply_v:g} V"
+            f"{where}: forward voltage {forward_v:g} V needs a supply of {forward_v + HEADROOM_V:g} V or "
+            f"more ({HEADROOM_V:g} V for resistor and switch), supply_v is {supply_v:g} V"
         )
     if wanted_ma > limit_ma:
         raise BoardError(

@@ -3,22 +3,20 @@
 import math
 import zipfile
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from shapely.geometry import Point
 
 from designlab.core.backend import installed_version
-from designlab.fabrication.boards.layout import SUPPLY_NET, Board, Component, Pad
+from designlab.fabrication.boards.layout import MARK_MM, SUPPLY_NET, Board, Line, Pad
 from designlab.fabrication.boards.stock import EDGE_MM, TRACK_MM, VIA_DRILL_MM, VIA_MM
 
-Line = tuple[tuple[float, float], tuple[float, float]]
 MASK_MM = 0.05
 """By which the mask's opening is larger than its pad, on each side."""
 LINE_MM = 0.1
 """Width of the outline's and the legend's lines."""
-MARK_MM = 0.15
-"""Of the polarity mark: its width, and its distance from body and pads."""
 PLUS_MM = 0.6
 """Size of the mark beside the supply's pad."""
 LAYERS = {
@@ -35,28 +33,6 @@ LAYERS = {
 """Layers by the end of their file's name, with file function and polarity (Gerber X2)."""
 DRILLS = {"PTH.drl": True, "NPTH.drl": False}
 """Drill files by the end of their name: whether their holes are plated."""
-
-
-def polarity_mark(component: Component) -> Line:
-    """Line beside an LED's cathode, outside body and pads: its two ends (mm)."""
-    cathode = next(pad for pad in component.pads if pad.name == component.cathode)
-    c, s = math.cos(math.radians(component.turn_deg)), math.sin(math.radians(component.turn_deg))
-    dx, dy = cathode.x - component.x, cathode.y - component.y
-    along, up = c * dx + s * dy, -s * dx + c * dy  # of the cathode, in the part's own directions
-    half_width = max(abs(px) + w / 2 for px, _, w, _ in component.land.pads.values())
-    half_height = max(abs(py) + h / 2 for _, py, _, h in component.land.pads.values())
-    half_width = max(half_width, component.land.body_mm[0] / 2)
-    half_height = max(half_height, component.land.body_mm[1] / 2)
-    if abs(along) / half_width >= abs(up) / half_height:
-        x = math.copysign(half_width + 2 * MARK_MM, along)
-        ends = ((x, up - cathode.height / 2), (x, up + cathode.height / 2))
-    else:
-        y = math.copysign(half_height + 2 * MARK_MM, up)
-        ends = ((along - cathode.width / 2, y), (along + cathode.width / 2, y))
-    first, second = (
-        (component.x + c * x - s * y, component.y + s * x + c * y) for x, y in ends
-    )
-    return first, second
 
 
 def plus_mark(board: Board) -> tuple[Line, Line] | None:
@@ -121,12 +97,12 @@ def _layer(board: Board, end: str, project: str) -> bytes:
             if side in pad.layers
         ]
     elif "_Silk" in end:
-        cathodes = [polarity_mark(c) for c in board.components if c.kind == "led"]
+        cathodes = [c.mark for c in board.components if c.kind == "led"]
         objects = _lines(cathodes if side == 0 else plus_mark(board) or (), MARK_MM)
     else:
         rings = [board.outline.exterior, *board.outline.interiors]
         edges = [list(ring.coords) for ring in rings]
-        objects = [line for edge in edges for line in _lines(zip(edge, edge[1:], strict=False), LINE_MM)]
+        objects = [line for edge in edges for line in _lines(pairwise(edge), LINE_MM)]
     layer = GerberFile(objects=objects)
     layer.file_attrs = {
         ".GenerationSoftware": ("designlab", "designlab", installed_version("designlab")),
@@ -135,7 +111,9 @@ def _layer(board: Board, end: str, project: str) -> bytes:
         ".FileFunction": tuple(function.split(",")),
         ".FilePolarity": (polarity,),
     }
-    return bytes(layer.write_to_bytes(FileSettings(unit=_mm(), number_format=(4, 6), zeros=None)))
+    content = layer.write_to_bytes(FileSettings(unit=_mm(), number_format=(4, 6), zeros=None))
+    # gerbonara 1.5 leaves out the end of this one command, and strict readers stop there.
+    return bytes(content).replace(b"\nG75\n", b"\nG75*\n") + b"\n"
 
 
 def _copper(board: Board, layer: int) -> list[Any]:
@@ -147,7 +125,7 @@ def _copper(board: Board, layer: int) -> list[Any]:
     objects += [Flash(via.x, via.y, aperture=ring, unit=_mm()) for via in board.vias]
     for track in board.tracks:
         if track.layer == layer:
-            objects += _lines(list(zip(track.points, track.points[1:], strict=False)), TRACK_MM)
+            objects += _lines(pairwise(track.points), TRACK_MM)
     return objects
 
 
@@ -156,7 +134,8 @@ def _flash(pad: Pad, wider_mm: float) -> Any:
     from gerbonara.graphic_objects import Flash
 
     flat = RectangleAperture(pad.width + 2 * wider_mm, pad.height + 2 * wider_mm, unit=_mm())
-    return Flash(pad.x, pad.y, aperture=flat.rotated(math.radians(round(pad.turn_deg, 6))), unit=_mm())
+    turned = flat.rotated(-math.radians(round(pad.turn_deg, 6)))  # gerbonara turns clockwise
+    return Flash(pad.x, pad.y, aperture=turned, unit=_mm())
 
 
 def _lines(pairs: Iterable[Any], width_mm: float) -> list[Any]:
@@ -169,7 +148,6 @@ def _lines(pairs: Iterable[Any], width_mm: float) -> list[Any]:
 
 def _drills(board: Board, *, plated: bool) -> bytes:
     from gerbonara.apertures import ExcellonTool
-    from gerbonara.cam import FileSettings
     from gerbonara.excellon import ExcellonFile
     from gerbonara.graphic_objects import Flash
 
@@ -180,10 +158,7 @@ def _drills(board: Board, *, plated: bool) -> bytes:
         holes = list(board.holes)
     tools = {d: ExcellonTool(d, plated=plated, unit=_mm()) for d in sorted({d for _, _, d in holes})}
     objects = [Flash(x, y, aperture=tools[d], unit=_mm()) for x, y, d in holes]
-    content = ExcellonFile(objects=objects).write_to_bytes(
-        FileSettings(unit=_mm(), number_format=(4, 6), zeros=None)
-    )
-    return bytes(content)
+    return bytes(ExcellonFile(objects=objects).write_to_bytes()) + b"\n"
 
 
 def _mm() -> Any:

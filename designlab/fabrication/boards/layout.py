@@ -1,7 +1,7 @@
 """Boards as drawn: outline, holes, components, pads, nets and tracks, all in mm in the board's own plane.
 
-x and y are as seen from the front, the side with the LEDs. The origin of a ring is the sensor's axis, that of a
-strip the middle of its LEDs, that of a flexible board the lower end of its line of LEDs.
+x and y are as seen from the front, the side with the LEDs. The origin of a ring is the sensor's axis, that of
+a strip the middle of its LEDs, that of a flexible board the left end of its line of LEDs.
 """
 
 import math
@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import shapely
 from shapely import affinity
-from shapely.geometry import Point, Polygon, box
+from shapely.geometry import LineString, Point, Polygon, box
 
 from designlab.fabrication.boards.circuit import BoardError, Channel
 from designlab.fabrication.boards.planes import Blank, Place
@@ -23,18 +23,22 @@ from designlab.fabrication.boards.stock import (
     HOLE_MM,
     LAND_PATTERNS,
     STOCK,
-    TRACK_MM,
     WIRE_PAD,
     LandPattern,
 )
 
 Side = Literal["top", "bottom"]
 Spot = tuple[float, float, float]
+Line = tuple[tuple[float, float], tuple[float, float]]
 SUPPLY_NET = "V+"
 APART_MM = 0.35
-"""Between components: room for one track."""
+"""Between components, at least: room for one track."""
+MOST_TRIES = 6
+"""With more and more room between the parts of a strip."""
 BESIDE_MM = 0.8
 """From the LEDs to the edge of a strip: one track passes them."""
+MARK_MM = 0.15
+"""Of the polarity mark: its width, and half its distance from body and pads."""
 HEAD_MM = 3.0
 """Diameter kept free around a mounting hole for the screw's head."""
 STEP_MM = 0.2
@@ -100,6 +104,22 @@ class Component(NamedTuple):
     def extent(self) -> Polygon:
         """Smallest rectangle, turned as the part is, around body and pads."""
         return extent(self.land, self.x, self.y, self.turn_deg)
+
+    @property
+    def mark(self) -> Line:
+        """Polarity mark of an LED: a line beside its cathode, outside body and pads; its two ends (mm)."""
+        _, _, cathode_width, cathode_height = self.land.pads[self.cathode]
+        along, up = self.land.pads[self.cathode][:2]
+        bounds = extent(self.land, 0.0, 0.0, 0.0).bounds
+        if abs(along) / bounds[2] >= abs(up) / bounds[3]:
+            x = math.copysign(bounds[2] + 2 * MARK_MM, along)
+            ends = ((x, up - cathode_height / 2), (x, up + cathode_height / 2))
+        else:
+            y = math.copysign(bounds[3] + 2 * MARK_MM, up)
+            ends = ((along - cathode_width / 2, y), (along + cathode_width / 2, y))
+        c, s = math.cos(math.radians(self.turn_deg)), math.sin(math.radians(self.turn_deg))
+        first, second = ((self.x + c * x - s * y, self.y + s * x + c * y) for x, y in ends)
+        return first, second
 
 
 class Board(NamedTuple):
@@ -195,7 +215,7 @@ def _led(designator: str, place: Place, chosen: Sequence[Channel]) -> Component:
     )
     if rise < -1e-9 and all(channel.group.offset_mm is None for channel in held):
         place = place._replace(turn_deg=place.turn_deg + 180.0)
-    nets = {}
+    nets: dict[str, str] = {}
     for channel in held:
         if nets.setdefault(channel.cathode, f"{designator}.{channel.cathode}") == SUPPLY_NET:
             raise BoardError(f"part {channel.name!r}: pad {channel.cathode} is anode and cathode at once")
@@ -240,9 +260,7 @@ def extent(land: LandPattern, x: float, y: float, turn: float) -> Polygon:
     """Smallest rectangle, turned as the part is, around body and pads of a part at its place."""
     width = max([land.body_mm[0] / 2, *(abs(px) + w / 2 for px, _, w, _ in land.pads.values())])
     height = max([land.body_mm[1] / 2, *(abs(py) + h / 2 for _, py, _, h in land.pads.values())])
-    return affinity.translate(
-        affinity.rotate(box(-width, -height, width, height), turn, origin=(0, 0)), x, y
-    )
+    return affinity.translate(affinity.rotate(box(-width, -height, width, height), turn, origin=(0, 0)), x, y)
 
 
 def _require_apart(blank: Blank, leds: Sequence[Component]) -> None:
@@ -266,11 +284,15 @@ def _require_apart(blank: Blank, leds: Sequence[Component]) -> None:
 class _Floor:
     """Free room on both sides of a board."""
 
-    def __init__(self, outline: Polygon, leds: Sequence[Component], folds: Sequence[float]) -> None:
+    def __init__(
+        self, outline: Polygon, leds: Sequence[Component], folds: Sequence[float], apart: float
+    ) -> None:
+        self.apart = apart
         self.inner = outline.buffer(-EDGE_MM)
         self.taken: dict[Side, list[Any]] = {side: [] for side in SIDES}
         for led in leds:
             self.take(led.extent, ("top",))
+            self.taken["top"].append(LineString(led.mark).buffer(MARK_MM))
         low, high = outline.bounds[1], outline.bounds[3]
         for fold in folds:
             self.take(box(fold - 0.1, low, fold + 0.1, high), SIDES)
@@ -278,14 +300,13 @@ class _Floor:
     def take(self, shape: Any, sides: Sequence[Side]) -> None:
         """Occupy a place."""
         for side in sides:
-            self.taken[side].append(shape.buffer(APART_MM, join_style="mitre"))
+            self.taken[side].append(shape.buffer(self.apart, join_style="mitre"))
 
     def free(self, shape: Any, sides: Sequence[Side]) -> bool:
         """Whether a shape fits at its place."""
         return bool(self.inner.contains(shape)) and not any(
             other.intersects(shape) for side in sides for other in self.taken[side]
         )
-
 
     def open_spots(self, spots: Sequence[Spot], land: LandPattern, sides: Sequence[Side]) -> list[Spot]:
         """Spots where the middle of a part is not too near to anything: a quick sieve before `free`."""
@@ -305,7 +326,7 @@ class _Full(Exception):
 def _strip(
     blank: Blank, chosen: Sequence[Channel], leds: Sequence[Component], nets: Sequence[str], room: Room
 ) -> Board:
-    """Draw a strip, rigid or flexible: LEDs at the lower edge, resistors above them, connector and holes on top.
+    """Draw a strip, rigid or flexible: LEDs at the lower edge, resistors above, connector and holes on top.
 
     Above the LEDs it is as tall as its parts and tracks need.
     """
@@ -321,16 +342,18 @@ def _strip(
     low_x, high_x = low_x - widen, high_x + widen
     stock = STOCK["flex" if blank.kind == "flex" else "board"]
     _require_within(blank, box(low_x, low_y, high_x, top), min(stock["thicknesses_mm"]), room)
-    tail = margin + 1.5
-    while tail <= TALLEST_TAIL_MM:
+    tail, apart, tries = margin + 1.5, APART_MM, 0
+    while tail <= TALLEST_TAIL_MM and tries < MOST_TRIES:
         outline = box(low_x, low_y, high_x, top + tail)
         try:
-            return _filled(blank, chosen, leds, nets, room, outline, folds)
-        except (_Full, NoWay):
+            return _filled(blank, chosen, leds, nets, room, outline, folds, apart=apart)
+        except _Full:
             tail += 0.5
+        except NoWay:  # more room between the parts, before more room above them
+            apart, tries = apart + 0.2, tries + 1
     raise BoardError(
-        f"{blank.name}: {high_x - low_x:.3g} mm is too narrow for its tracks and its connector of {len(nets)} "
-        "pins; raise leds.pitch_mm"
+        f"{blank.name}: {high_x - low_x:.3g} mm is too narrow for its tracks and its connector of "
+        f"{len(nets)} pins; raise leds.pitch_mm"
     )
 
 
@@ -379,10 +402,14 @@ def _filled(
     folds: Sequence[float],
     *,
     drilled: bool = True,
+    apart: float = APART_MM,
 ) -> Board:
-    """Place connector and resistors on an outline, and connect them; `drilled`, with holes and pin header."""
+    """Place connector and resistors on an outline, `apart` (mm), and connect them.
+
+    `drilled`, with holes and pin header.
+    """
     thickness = _thickness(blank, outline, room)
-    floor = _Floor(outline, leds, folds)
+    floor = _Floor(outline, leds, folds, apart)
     behind: Side = "bottom" if blank.kind == "ring" else "top"
     drilled = drilled and blank.kind != "flex"
     holes = _holes(blank, outline, floor) if drilled else []
@@ -397,9 +424,7 @@ def _filled(
     if not connector:
         connector = _connector(blank, outline, floor, nets, behind, header=drilled)
     components = [*leds, *resistors, *connector]
-    lands = [
-        Land(pad.shape, pad.net, pad.layers) for component in components for pad in component.pads
-    ]
+    lands = [Land(pad.shape, pad.net, pad.layers) for component in components for pad in component.pads]
     tracks, vias = route(outline, holes, lands)
     notes = [] if holes else ["no mounting holes: no room for one, or a flexible board; glue it"]
     return Board(
@@ -470,9 +495,7 @@ def _connector(
     """Pin header if wanted and where it fits, else pads for wires, one a net."""
     low_x, _, high_x, top = outline.bounds
     target = ((low_x + high_x) / 2, top)
-    spots = sorted(
-        _spots(outline, polar=blank.kind == "ring"), key=lambda s: math.dist(s[:2], target)
-    )
+    spots = sorted(_spots(outline, polar=blank.kind == "ring"), key=lambda s: math.dist(s[:2], target))
     if blank.kind == "flex":
         spots = sorted(_spots(outline, polar=False), key=lambda s: (s[0], -s[1]))
     row = HEADER.row(len(nets))
@@ -578,5 +601,3 @@ def _require_within(blank: Blank, outline: Polygon, thickness: float, room: Room
                     f"{blank.name}: reaches up to {pz:.4g} mm, into the camera plate; housing.top_mm is "
                     f"{room.top_mm:g} mm, raise it"
                 )
-
-

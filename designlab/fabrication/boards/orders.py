@@ -1,9 +1,8 @@
-"""What goes with a board's Gerber files: bill of materials, placement, net list, specification, and its solid."""
+"""What goes with a board's Gerber files: bill of materials, placement, nets, specification, and its solid."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-
-from shapely.geometry import LineString
 
 from designlab.fabrication.boards.circuit import Channel
 from designlab.fabrication.boards.layout import Board, Component
@@ -20,6 +19,7 @@ from designlab.fabrication.boards.stock import (
 if TYPE_CHECKING:
     import cadquery
 
+SAME_MM = 1e-6
 PLACED = ("led", "resistor", "connector")
 """Kinds of components that are bought and placed; wire pads are copper only."""
 
@@ -88,8 +88,7 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         board.name,
         f"size           {width:.2f} x {height:.2f} mm, outline in Edge_Cuts.gm1",
         f"layers         2, {stock['material']}",
-        f"thickness      {board.thickness_mm:g} mm; the LEDs' height in the sensor depends on it not, "
-        "its front lies where the design has it",
+        f"thickness      {board.thickness_mm:g} mm; the LEDs' place follows from the front's, not from it",
         f"mask           {stock['mask']}; no legend but the polarity marks, white paint would shine",
         f"finish         {stock['finish']}",
         f"least track    {TRACK_MM:g} mm, least clearance {CLEARANCE_MM:g} mm, copper to edge {EDGE_MM:g} mm",
@@ -99,11 +98,11 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         + {
             "ring": "the sensor's axis",
             "strip": "the middle of the LEDs",
-            "flex": "the lower end of the line of LEDs",
+            "flex": "the left end of the line of LEDs",
         }[board.blank.kind],
         f"parts          {len(placed(board))}; placement is seen from the front, turns are counter-clockwise",
-        f"connector      pads in order: {', '.join(board.pins)}; {channels[0].supply_v:g} V at V+, switch the "
-        "others to ground",
+        f"connector      pads in order: {', '.join(board.pins)}; {channels[0].supply_v:g} V at V+, switch "
+        "the others to ground",
         "",
     ]
     for group in groups:
@@ -112,8 +111,9 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         count = sum(group in place.groups for place in board.blank.places)
         chip = channel.chip
         lines.append(
-            f"{channel.group.name}: {count} x {channel.number}, {chip.forward_v:g} V at {chip.current_ma:g} mA; "
-            f"each {channel.current_ma:.4g} mA through {channel.resistor.value} ({channel.resistor.number}, "
+            f"{channel.group.name}: {count} x {channel.number}, {chip.forward_v:g} V at "
+            f"{chip.current_ma:g} mA; each {channel.current_ma:.4g} mA through {channel.resistor.value} "
+            f"({channel.resistor.number}, "
             f"{channel.resistor.load_mw:.3g} of {channel.resistor.rating_mw:g} mW); the group "
             f"{count * channel.current_ma:.4g} mA, on for {100 * drive:g} % of the time"
         )
@@ -151,8 +151,18 @@ def solid(board: Board) -> "cadquery.Shape":
         body = work.center((low_x + high_x) / 2, (low_y + high_y) / 2)
         body = body.rect(high_x - low_x, high_y - low_y).extrude(-board.thickness_mm)
     for x, y, diameter in board.holes:
-        body = body.cut(cadquery.Workplane(plane).center(x, y).circle(diameter / 2).extrude(-board.thickness_mm))
-    return cadquery.Shape.cast(body.val().wrapped)
+        body = body.cut(
+            cadquery.Workplane(plane).center(x, y).circle(diameter / 2).extrude(-board.thickness_mm)
+        )
+    return _shape(body)
+
+
+def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":
+    import cadquery
+
+    shape = work.val()
+    assert isinstance(shape, cadquery.Shape)
+    return shape
 
 
 def _bent(board: Board) -> "cadquery.Shape":
@@ -168,8 +178,15 @@ def _bent(board: Board) -> "cadquery.Shape":
         # Facets are tangents of one circle, so their backs meet on the rays through the folds.
         radius = float(frame.origin @ -frame.normal)
         grown = (radius + thickness) / radius
-        outside += [frame.point(-half, 0.0) * (grown, grown, 1.0), frame.point(half, 0.0) * (grown, grown, 1.0)]
-    line = LineString([(p[0], p[1]) for p in (*inside, *reversed(outside))]).simplify(1e-6)
+        outside += [
+            frame.point(-half, 0.0) * (grown, grown, 1.0),
+            frame.point(half, 0.0) * (grown, grown, 1.0),
+        ]
+    corners: list[tuple[float, float]] = []
+    for point in (*inside, *reversed(outside)):  # neighbours share the corners of their fold
+        corner = float(point[0]), float(point[1])
+        if not corners or math.dist(corner, corners[-1]) > SAME_MM:
+            corners.append(corner)
     level = float(blank.frames[0].origin[2])
-    section = cadquery.Workplane("XY", origin=(0, 0, level + low_y)).polyline(list(line.coords)).close()
-    return cadquery.Shape.cast(section.extrude(high_y - low_y).val().wrapped)
+    section = cadquery.Workplane("XY", origin=(0, 0, level + low_y)).polyline(corners).close()
+    return _shape(section.extrude(high_y - low_y))

@@ -9,8 +9,8 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import nearest_points
 
-from designlab.fabrication.boards.gerber import MARK_MM, plus_mark, polarity_mark
-from designlab.fabrication.boards.layout import Board, Component
+from designlab.fabrication.boards.gerber import plus_mark
+from designlab.fabrication.boards.layout import MARK_MM, Board, Component
 from designlab.fabrication.boards.stock import VIA_DRILL_MM
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _side(
     covered = [*pads, seen(board.outline.boundary)]
     covered += [seen(Point(x, y).buffer(diameter / 2)) for x, y, diameter in board.holes]
     if layer == 0:
-        covered += [LineString(polarity_mark(led)).buffer(MARK_MM) for led in parts if led.kind == "led"]
+        covered += [LineString(led.mark).buffer(MARK_MM) for led in parts if led.kind == "led"]
     elif (plus := plus_mark(board)) is not None:
         for line in plus:
             x, y = seen(LineString(line)).xy
@@ -107,6 +107,8 @@ def _side(
     axis.set_ylim(low_y - room, high_y + room)
     axis.set_aspect("equal")
     axis.tick_params(labelsize=6, colors=INK, length=2)
+    if mirror:  # x stays that of the files
+        axis.xaxis.set_major_formatter(lambda x, _: f"{-x + 0.0:g}")
     for spine in axis.spines.values():
         spine.set_visible(False)
     axis.set_title("front, LED side" if layer == 0 else "back, seen from behind", fontsize=8, color=INK)
@@ -116,7 +118,7 @@ def _led(axis: "Axes", led: Component, colours: Sequence[Colour]) -> None:
     held = [colours[group] for group in led.groups]
     mean = tuple(sum(colour[k] for colour in held) / len(held) for k in range(3))
     _fill(axis, led.body, mean, 5, alpha=0.8)
-    (x0, y0), (x1, y1) = polarity_mark(led)
+    (x0, y0), (x1, y1) = led.mark
     axis.plot([x0, x1], [y0, y1], color="white", linewidth=1.6, solid_capstyle="butt", zorder=6)
 
 
@@ -133,12 +135,12 @@ def _labels(
         inside = outline.contains(place)
         start, end = nearest_points(shape, place)
         axis.plot([start.x, end.x], [start.y, end.y], color="#9aa3ad", linewidth=0.5, zorder=7)
-        axis.text(x, y, text, fontsize=points, color="white" if inside else INK, ha="center", va="center", zorder=9)
+        axis.text(
+            x, y, text, fontsize=points, color="white" if inside else INK, ha="center", va="center", zorder=9
+        )
 
 
-def _free_spot(
-    x: float, y: float, half: tuple[float, float], taken: Sequence[Any]
-) -> tuple[float, float]:
+def _free_spot(x: float, y: float, half: tuple[float, float], taken: Sequence[Any]) -> tuple[float, float]:
     """Nearest place for a text that covers nothing, out to where there is nothing."""
     for ring in range(2, 120):
         radius = 0.2 * ring

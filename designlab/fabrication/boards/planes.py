@@ -1,4 +1,4 @@
-"""Which boards carry the LEDs of an array: flat rings, a strip for each side, or one flexible board around it.
+"""Which boards carry the LEDs of an array: flat rings, a strip for each side, or one flexible board around.
 
 A board's frame: x and y in its front plane, z along the LEDs' light; the front is the side with the LEDs.
 """
@@ -35,7 +35,7 @@ class Frame(NamedTuple):
 
 
 class Place(NamedTuple):
-    """An LED on its board: middle (mm), turn (deg, counter-clockwise from the front), groups that it holds."""
+    """An LED on its board: middle (mm), turn (deg, counter-clockwise from the front), its groups."""
 
     x: float
     y: float
@@ -116,8 +116,8 @@ def blanks(
     if own_plane and any(LEVEL < abs(z) < 1 - LEVEL for z in down):
         tilts = sorted({array.placement_of(k).tilt_deg for k in range(len(array.groups))})
         raise BoardError(
-            f"leds.tilt_deg: {', '.join(f'{t:g}' for t in tilts)} deg on a ring turns each LED of a row into a "
-            "plane of its own, which no flat or singly bent board holds; give 0 (flexible board), 90 (flat "
+            f"leds.tilt_deg: {', '.join(f'{t:g}' for t in tilts)} deg on a ring turns each LED of a row into "
+            "a plane of its own, which no flat or singly bent board holds; give 0 (flexible board), 90 (flat "
             'ring) or leds.layout = "edge" (a strip a side)'
         )
     planes: dict[tuple[int, ...], list[int]] = {}
@@ -193,7 +193,9 @@ def _flex(array: LedArray, members: Sequence[Body], heights: Sequence[float]) ->
     radius, level = radii[0], float(np.mean([seat[2] for seat in seats]))
     order = sorted(range(len(members)), key=lambda n: math.atan2(seats[n][1], seats[n][0]))
     angles = [math.atan2(seats[n][1], seats[n][0]) for n in order]
-    gaps = [(after - before) % math.tau for before, after in zip(angles, [*angles[1:], angles[0]], strict=True)]
+    gaps = [
+        (after - before) % math.tau for before, after in zip(angles, [*angles[1:], angles[0]], strict=True)
+    ]
     start = (int(np.argmax(gaps)) + 1) % len(order)  # the board opens where the widest gap is
     order = order[start:] + order[:start]
     angles = [math.atan2(seats[n][1], seats[n][0]) for n in order]
@@ -211,12 +213,12 @@ def _flex(array: LedArray, members: Sequence[Body], heights: Sequence[float]) ->
     frames, facets, places = [], [], []
     low = 0.0
     # x runs clockwise around the axis, seen from the camera, so that y points to the camera.
-    for (angle, number), before, after in zip(reversed(stops), halves, halves[1:], strict=False):
+    for (angle, on_it), before, after in zip(reversed(stops), halves, halves[1:], strict=False):
         out = np.array([math.cos(angle), math.sin(angle), 0.0])
         x, y = np.array([math.sin(angle), -math.cos(angle), 0.0]), np.array([0.0, 0.0, 1.0])
         frames.append(Frame(radius * out + (after - before) / 2 * x + level * y, x, y, -out))
-        if number is not None:
-            places.append(Place(low + before, float(seats[number][2] - level), 0.0, members[number].groups))
+        if on_it is not None:
+            places.append(Place(low + before, float(seats[on_it][2] - level), 0.0, members[on_it].groups))
         facets.append((low, low + before + after))
         low += before + after
     return Blank("board_flex", "flex", tuple(places), tuple(frames), tuple(facets), heights[0])

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import LineString, Point, Polygon
 
-from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM, TRACK_MM, VIA_DRILL_MM, VIA_MM
+from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM, TRACK_MM, VIA_MM
 
 GRID_MM = 0.1
 SLACK_MM = 0.02
@@ -155,7 +155,7 @@ class _Maze:
             reached = min(ends, key=lambda cell: found[cell])
             if not np.isfinite(found[reached]):
                 return False
-            path = [tuple(int(c) for c in cell) for cell in maze.traceback(reached)]
+            path = [(int(z), int(y), int(x)) for z, y, x in maze.traceback(reached)]
             self._lay(net, path)
             joined += [cell for cell in path if cell[0] != 1]
             hit = next(cells for cells in waiting if reached in cells)

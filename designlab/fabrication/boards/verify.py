@@ -38,7 +38,8 @@ def pieces(board: Board) -> dict[str, int]:
         joints += [Point(pad.x, pad.y) for pad in board.pads if pad.net == net and pad.drill_mm]
         for joint in joints:
             touched = [g for g in groups if any(parts[k][n].intersects(joint) for k, n in g)]
-            groups = [g for g in groups if g not in touched] + [sum(touched, [])]
+            joined = [each for group in touched for each in group]
+            groups = [g for g in groups if g not in touched] + [joined]
         found[net] = len(groups)
     return found
 

@@ -1,6 +1,6 @@
-"""Where the LED groups of a sensor shine from, by its pictures: azimuths are tried, the best is refined."""
+"""Where the LED groups of a sensor shine from, by its pictures: places are tried, the best is refined."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -11,20 +11,30 @@ from designlab.core.types import Array, Progress
 from designlab.inference.calibration.imaging import Rendered
 from designlab.inference.calibration.poses import posed
 from designlab.inference.calibration.result import Calibration, FittedParameter
+from designlab.inference.calibration.verdict import FitWord
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Shot, observe
 from designlab.sensor.design import CHANNELS, Design
 
 STEP_DEG = 15.0  # between azimuths that are tried
+RISES_MM = (-3.0, 3.0)  # from the height drawn, tried where no azimuth fits at that height
+FITS = 0.1  # rest of the pictures, as a share of their mean, up to which azimuths alone fit
+FINE_DEG, FINE_MM = (0.0, -5.0, 5.0), (0.0, -1.5, 1.5)  # from the best place
+MOST_PLACES = 500_000  # of all groups together, which are compared at once
 COLUMNS, SAMPLES = 48, 24
 MOST_PRESSES = 3
 FEWEST_BUILDABLE = 6  # azimuths; where fewer can be built, all are tried
 MOST_GROUPS = 4  # whose azimuths are tried together
-STRANGE = 0.5  # by which a misfit counts for more with each group that is not the strongest of its channel
+STRANGE = 4.0  # by which a misfit counts for more with each group that is not the strongest of its channel
+CLEAR = 2.0  # light of a group over that of any other in a channel by the design, from which it is its own
 TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
 # Interval to either side beyond which a value is not told.
 TOLD = {("height_mm", "height", "mm"): 1.0, ("tilt_deg", "tilt", "deg"): 5.0}
 MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
+
+
+Move = tuple[float, float]
+"""Angle by which a group is turned, deg, and height by which it is raised, mm."""
 
 
 class GroupPlace(NamedTuple):
@@ -61,7 +71,7 @@ class LayoutFound(NamedTuple):
     places : tuple of GroupPlace
         Of each group.
     drawn : float
-        Misfit of the groups where they are drawn over that of the best azimuths.
+        Misfit of the groups where they are drawn over that of the best places.
     left : float
         What the best leave of the pictures, root mean square, as a share of each channel's mean.
     """
@@ -73,13 +83,19 @@ class LayoutFound(NamedTuple):
 
 
 def search_layout(
-    measurement: Measurement, design: Design, *, seed: int = 0, progress: Progress = silent
+    measurement: Measurement,
+    design: Design,
+    *,
+    seed: int = 0,
+    closely: bool = True,
+    progress: Progress = silent,
 ) -> LayoutFound:
-    """Try azimuths of all LED groups on a background and up to three presses.
+    """Try azimuths of all LED groups on a background and up to three presses, and heights where these fail.
 
     Every group is turned about the axis with all of its rows. Channels are sums of the light of all groups
-    with factors that are nowhere negative, and a floor; for each combination of azimuths these follow by
-    least squares.
+    with factors that are nowhere negative, and a floor; for each combination of places these follow by
+    least squares. Where no azimuths fit at the heights drawn, both are tried together: near the wall of a
+    core, light from another height looks more like that from another side.
 
     Parameters
     ----------
@@ -89,6 +105,8 @@ def search_layout(
         The sensor as drawn.
     seed : int
         Seed of the light transport.
+    closely : bool
+        Whether heights and places near the best azimuths are tried as well, as a fit needs for a start.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
 
@@ -105,27 +123,41 @@ def search_layout(
     seen = observe(posed(measurement, design, seed=seed).measurement, design, columns=COLUMNS)
     shots = [seen.shots[n] for n in seen.of("background")]
     shots += [seen.shots[n] for n in seen.of("train", "select", "final")][:MOST_PRESSES]
-    turns = _turns(design)
-    work = Work(progress, {"trying azimuths": float(len(turns) * len(shots))})
+    turns = [(turn, 0.0) for turn in _turns(design)]
+    raised = _raised(design, turns) if closely else []
+    steps = {"trying azimuths": turns, "trying heights": raised}
+    if closely:
+        steps["trying places near the best"] = _near()
+    work = Work(progress, {name: float(len(moves) * len(shots)) for name, moves in steps.items()})
+    tried = _Tried(design, shots, seed, work)
     work.begin("trying azimuths")
-    columns = _columns(design, turns, shots, seed, work)
-    measured = np.concatenate([shot.signal.reshape(-1, len(CHANNELS)) for shot in shots])
-    valid = np.concatenate([shot.valid.reshape(-1, len(CHANNELS)).all(axis=-1) for shot in shots])
-    own = [int(channel) for channel in design.transfer_mw.argmax(axis=0)]
-    misfit = _misfits(columns[..., valid], measured[valid], own)
+    moves, columns = turns, tried.columns([turns] * groups)
+    misfit = tried.misfits(columns)
+    if raised and tried.rest(misfit.min()) > FITS:
+        work.begin("trying heights")
+        columns = np.concatenate([columns, tried.columns([raised] * groups)], axis=1)
+        moves, misfit = [*turns, *raised], tried.misfits(columns)
     best = np.unravel_index(int(misfit.argmin()), misfit.shape)
-    places, changes = [], {}
-    for group, spec in enumerate(design.leds.groups):
-        others = misfit.copy()
-        others[(slice(None),) * group + (best[group],)] = np.inf
-        worse = float(others.min() / misfit[best]) if len(turns) > 1 else np.inf
-        turned = [(azimuth + turns[best[group]]) % 360.0 for azimuth in spec.azimuth_deg]
-        changes[f"leds.groups.{group}.azimuth_deg"] = turned
-        places.append(GroupPlace(spec.name, float(spec.azimuth_deg[0]), turned[0], worse))
+    drawn = float(misfit[(0,) * groups])
+    apart = np.array([move[0] for move in moves])
+    worse = []
+    for group in range(groups):
+        others = np.moveaxis(misfit, group, 0)[apart != apart[best[group]]]
+        worse.append(float(others.min() / misfit[best]) if len(others) else np.inf)
+    there, left = [moves[place] for place in best], float(misfit[best])
+    if closely:
+        work.begin("trying places near the best")
+        near = [_near(move) for move in there]
+        fine = tried.misfits(tried.columns(near))
+        least = np.unravel_index(int(fine.argmin()), fine.shape)
+        there, left = [moves[place] for moves, place in zip(near, least, strict=True)], float(fine[least])
     work.end()
-    drawn = float(misfit[(0,) * groups] / misfit[best])
-    left = float(np.sqrt(misfit[best] / max(int(valid.sum()) * len(CHANNELS), 1)))
-    return LayoutFound(design.replace(changes), tuple(places), drawn, left)
+    found = _moved(design, there)
+    places = tuple(
+        GroupPlace(spec.name, float(spec.azimuth_deg[0]), group.azimuth_deg[0], ratio)
+        for spec, group, ratio in zip(design.leds.groups, found.leds.groups, worse, strict=True)
+    )
+    return LayoutFound(found, places, drawn / left, tried.rest(left))
 
 
 def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
@@ -146,12 +178,13 @@ def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
     return design.replace(changes), tuple(paths)
 
 
-def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> list[str]:
+def layout_words(found: Calibration, drawn: Design, verdict: FitWord = "good") -> list[str]:
     """Sentences about where the groups stand, by a calibration whose `layout_fields` were free.
 
-    The intervals of a fit that `failed` are those of a wrong model: it tells nothing.
+    Intervals are those of the model that was fitted: a doubtful fit tells places without them, a failed one
+    tells nothing.
     """
-    if failed:
+    if verdict == "failed":
         return [
             f"LED group {group.name}: not told where it shines from, since the fit failed"
             for group in drawn.leds.groups
@@ -163,6 +196,12 @@ def layout_words(found: Calibration, drawn: Design, *, failed: bool = False) -> 
         if azimuth is None:
             continue
         value = azimuth.value % 360.0
+        if verdict == "doubtful":
+            told.append(
+                f"LED group {group.name} may shine from about {value:.0f} deg, drawn at "
+                f"{group.azimuth_deg[0]:g} deg; how sure is not told, since the fit is doubtful"
+            )
+            continue
         if azimuth.se is None or azimuth.se > TELLING_DEG:
             told.append(f"LED group {group.name}: these pictures do not tell its azimuth")
             continue
@@ -192,38 +231,89 @@ def _others(parameters: dict[str, FittedParameter], number: int, name: str) -> l
 
 def _turns(design: Design) -> list[float]:
     """Angles by which groups are turned: those that can be built, or all where few can."""
+    groups = len(design.leds.groups)
     turns = [float(turn) for turn in np.arange(0.0, 360.0, STEP_DEG)]
-    buildable = [turn for turn in turns if turn == 0.0 or not _turned(design, turn).broken(as_built=True)]
+    buildable = [
+        turn
+        for turn in turns
+        if turn == 0.0 or not _moved(design, [(turn, 0.0)] * groups).broken(as_built=True)
+    ]
     return buildable if len(buildable) >= FEWEST_BUILDABLE else turns
 
 
-def _turned(design: Design, turn: float) -> Design:
-    return design.replace(
-        {
-            f"leds.groups.{number}.azimuth_deg": [(a + turn) % 360.0 for a in group.azimuth_deg]
-            for number, group in enumerate(design.leds.groups)
-        }
-    )
+def _raised(design: Design, turns: Sequence[Move]) -> list[Move]:
+    """The same angles at other heights over the membrane, unless there are too many to compare."""
+    lowest = min(_height_mm(design, group) for group in range(len(design.leds.groups)))
+    found = [(turn, rise) for rise in RISES_MM if lowest + rise > 0 for turn, _ in turns]
+    return found if (len(turns) + len(found)) ** len(design.leds.groups) <= MOST_PLACES else []
 
 
-def _columns(design: Design, turns: Sequence[float], shots: Sequence[Shot], seed: int, work: Work) -> Array:
-    """Light of each group at each angle in all shots, (groups, turns, values)."""
-    found = []
-    for turn in turns:
-        imaging = Rendered(_turned(design, turn), SAMPLES, work=work)
-        parts = []
-        for shot in shots:
-            basis = imaging.basis({}, shot.press, shot.view, seed=seed)
-            parts.append((basis * shot.lit[:, None, None]).reshape(len(basis), -1))
-        found.append(np.concatenate(parts, axis=1))
-    return np.asarray(np.stack(found, axis=1), dtype=float)
+def _near(move: Move = (0.0, 0.0)) -> list[Move]:
+    return [(move[0] + turn, move[1] + rise) for turn, rise in product(FINE_DEG, FINE_MM)]
 
 
-def _misfits(columns: Array, measured: Array, own: Sequence[int]) -> Array:
-    """Squared rest of each combination of angles, an axis for each group, in units of each channel's mean.
+def _height_mm(design: Design, group: int) -> float:
+    own = design.leds.groups[group].height_mm
+    return float(design.leds.height_mm if own is None else own)
 
-    Which group a channel sees the light of is not told by where it comes from: every group is to be the
-    strongest of its own channel, and what breaks that counts as worse.
+
+def _moved(design: Design, moves: Sequence[Move]) -> Design:
+    """The design with each group turned about the axis and raised."""
+    changes: dict[str, float | list[float]] = {}
+    for number, (group, (turn, rise)) in enumerate(zip(design.leds.groups, moves, strict=True)):
+        changes[f"leds.groups.{number}.azimuth_deg"] = [(a + turn) % 360.0 for a in group.azimuth_deg]
+        if rise:
+            changes[f"leds.groups.{number}.height_mm"] = _height_mm(design, number) + rise
+    return design.replace(changes)
+
+
+class _Tried:
+    """Light of the groups of a design at places that are tried, beside the pictures it is to explain."""
+
+    def __init__(self, design: Design, shots: Sequence[Shot], seed: int, work: Work) -> None:
+        self._design, self._shots, self._seed, self._work = design, shots, seed, work
+        channels = len(CHANNELS)
+        self._valid = np.concatenate([shot.valid.reshape(-1, channels).all(axis=-1) for shot in shots])
+        self._measured = np.concatenate([shot.signal.reshape(-1, channels) for shot in shots])[self._valid]
+        self._own = _own_channels(design)
+
+    def columns(self, moves: Sequence[Sequence[Move]]) -> Array:
+        """Light of each group at each of its moves in all shots, (groups, moves, valid values)."""
+        found = []
+        for each in zip(*moves, strict=True):
+            imaging = Rendered(_moved(self._design, each), SAMPLES, work=self._work)
+            parts = []
+            for shot in self._shots:
+                basis = imaging.basis({}, shot.press, shot.view, seed=self._seed)
+                parts.append((basis * shot.lit[:, None, None]).reshape(len(basis), -1))
+            found.append(np.concatenate(parts, axis=1)[:, self._valid])
+        return np.asarray(np.stack(found, axis=1), dtype=float)
+
+    def misfits(self, columns: Array) -> Array:
+        """Squared rest of each combination of places, an axis for each group."""
+        return _misfits(columns, self._measured, self._own)
+
+    def rest(self, misfit: float) -> float:
+        """Root mean square of a rest, as a share of each channel's mean."""
+        return float(np.sqrt(misfit / max(self._measured.size, 1)))
+
+
+def _own_channels(design: Design) -> dict[int, int]:
+    """Group and the channel in which it is by far the strongest, for all that have one."""
+    own = {}
+    for channel, light in enumerate(design.transfer_mw):
+        group = int(light.argmax())
+        if light[group] > CLEAR * np.delete(light, group).max(initial=0.0):
+            own[group] = channel
+    return own
+
+
+def _misfits(columns: Array, measured: Array, own: Mapping[int, int]) -> Array:
+    """Squared rest of each combination of places, an axis for each group, in units of each channel's mean.
+
+    Which group a channel sees the light of is not told by where it comes from: every group that is to be the
+    strongest of a channel is asked to be, and what breaks that counts as worse by far. Two groups at each
+    other's place would else pass for the right ones wherever their places lie on the grid.
     """
     groups, turns, values = columns.shape
     scale = columns.mean(axis=-1, keepdims=True)
@@ -253,6 +343,6 @@ def _misfits(columns: Array, measured: Array, own: Sequence[int]) -> Array:
         free = [place for place in np.flatnonzero(used) if place < groups]
         lit[:, free] = factors[:, : len(free)]
         light = np.where(better[:, None], lit, light)
-    strange = sum(light[:, :, channel].argmax(axis=1) != group for group, channel in enumerate(own))
+    strange = sum(light[:, :, channel].argmax(axis=1) != group for group, channel in own.items())
     found = best.sum(axis=1) * (1.0 + STRANGE * np.asarray(strange))
     return np.asarray(found.reshape((turns,) * groups))

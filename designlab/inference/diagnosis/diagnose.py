@@ -50,7 +50,13 @@ from designlab.measurement import Measurement
 from designlab.measurement.quality.comparable import check_comparable
 from designlab.measurement.quality.suspicion import SuspiciousFrames
 from designlab.measurement.shots import Observations
-from designlab.measurement.usable_frames import is_single, observe_apart
+from designlab.measurement.usable_frames import (
+    LEAST_PLACES,
+    MOST_PRESSES,
+    is_single,
+    observe_apart,
+    spread_out,
+)
 from designlab.sensor.design import Design
 from designlab.simulation.effects import CATALOGUE, UNASKED, SensorModel, effect
 from designlab.simulation.render_cache import Renders
@@ -79,6 +85,7 @@ def diagnose(
     catalogue: Sequence[str] | None = None,
     samples: int = SAMPLES,
     columns: int = COLUMNS,
+    presses: int | None = None,
     renders: Path | None = None,
     trust: Sequence[str] = (),
 ) -> GapReport:
@@ -108,6 +115,8 @@ def diagnose(
         Samples per pixel and LED group.
     columns : int
         Wider frames are binned to at most this many columns.
+    presses : int, optional
+        Of more presses than these, those that differ most are used; `MOST_PRESSES` when absent.
     renders : path, optional
         Folder of renders that several diagnoses share; within `out` when absent.
     trust : sequence of str
@@ -123,14 +132,20 @@ def diagnose(
     """
     begun = time.perf_counter()
     out = Path(out)
-    for name, value, least in (("columns", columns, 8), ("samples", samples, 1), ("seed", seed, 0)):
+    presses = MOST_PRESSES if presses is None else presses
+    for name, value, least in (
+        ("columns", columns, 8),
+        ("samples", samples, 1),
+        ("presses", presses, LEAST_PLACES),
+        ("seed", seed, 0),
+    ):
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
     read = posed(measurement, model.effective_design(), seed=seed, progress=of_thousand(progress))
     measurement = read.measurement
     noted = (*check_comparable(measurement, model, trust), *read.notes)
-    seen = observe_apart(measurement, model.effective_design(), columns=columns)
+    seen = spread_out(observe_apart(measurement, model.effective_design(), columns=columns), presses)
     names = _names(model, catalogue, seen)
     noted = (*noted, *_untried(catalogue, model, seen))
     folder = renders or out / "renders"

@@ -29,8 +29,11 @@ Sampler = Literal["auto", "gp", "tpe", "nsga2", "nsga3", "cmaes", "qmc", "random
 VARIANT = "variant"
 """Name of the choice among variants, beside the parameters of a trial."""
 
-AREA, THICKNESS = "sensing_area_mm", "elastomer.thickness_mm"
-"""Fields that say where and how deep a design can be pressed."""
+AREA = ("sensing_area_mm", "sensing_area_shape")
+"""Fields that say where a design can be pressed."""
+
+THICKNESS = "elastomer.thickness_mm"
+"""Field that says how deep."""
 
 BASE = -1
 """Stands for the base design among trials; it need not be a trial of the search."""
@@ -179,7 +182,8 @@ class Study(Spec):
     def _of_all_designs(cls, presses: Any, info: ValidationInfo) -> Any:
         if not isinstance(presses, Mapping):
             return presses
-        return {"area_mm": _usual_presses(info.data).area_mm, **presses}
+        usual = _usual_presses(info.data)
+        return {"area_mm": usual.area_mm, "area_shape": usual.area_shape, **presses}
 
     @field_validator("robust")
     @classmethod
@@ -242,7 +246,14 @@ class Study(Spec):
         ValueError
             If depth or force is out of its bounds, or both are given.
         """
-        presses = PressPlan.on(self.presses.area_mm, depth_mm=depth_mm, force_n=force_n)
+        own = self.presses
+        presses = PressPlan.on(
+            own.area_mm,
+            area_shape=own.area_shape,
+            direction=own.direction,
+            depth_mm=depth_mm,
+            force_n=force_n,
+        )
         return self.model_copy(update={"presses": presses})
 
     def active(self, variant: str | None) -> tuple[str, ...]:
@@ -348,7 +359,7 @@ def _corners(
         for path, parameter in parameters.items():
             for value in parameter.extremes:
                 changes = parameter.fields(path, value)
-                if any(_overlap(field, own) for field in changes for own in (AREA, THICKNESS)):
+                if any(_overlap(field, own) for field in changes for own in (*AREA, THICKNESS)):
                     with contextlib.suppress(DesignError):  # not every variant has every field
                         yield start.replace(changes)
 

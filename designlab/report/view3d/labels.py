@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from designlab.fabrication import group_colour
 from designlab.report.figures import write_figure
+from designlab.report.plots import SENSING_COLOUR
 from designlab.report.view3d.space import (
     CUT_HALF_ANGLE_DEG,
     HEIGHT_PX,
-    SENSING_COLOUR,
     VIEW_AZIMUTH_DEG,
     WIDTH_PX,
     side_by_side,
@@ -72,8 +72,8 @@ def labels(design: Design, *, deepest_mm: float | None) -> list[Label]:
         ),
         Label(f"membrane\n{depth}", _on_membrane(design, -0.6 * half_w, -0.2 * half_h), "#6f6a61"),
         Label(
-            f"sensing area\n{2 * half_w:g} x {2 * half_h:g} mm",
-            _on_membrane(design, half_w, -half_h),
+            f"sensing area\n{design.sensing_area}",
+            _on_membrane(design, *design.sensing_area.ends_mm[1]),
             SENSING_COLOUR,
         ),
     ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.fabrication import group_colour, package_colour, parts
+from designlab.report.plots import SENSING_COLOUR
 from designlab.sensor.design import Design
 from designlab.sensor.mirror import Mirror
 from geometries.elastomer import base_mm, polygon
@@ -23,7 +24,6 @@ WIDTH_PX, HEIGHT_PX = 1800, 1300
 VIEW_AZIMUTH_DEG, VIEW_ELEVATION_DEG = -62.0, 24.0
 CUT_HALF_ANGLE_DEG = 68.0
 """The housing is open this far to both sides of the viewer."""
-SENSING_COLOUR = "#c2185b"
 _DRAWN_TOLERANCE_MM = 0.02
 _MEMBRANE_POINTS = 400
 _MEMBRANE_GAP_MM = 0.02
@@ -189,9 +189,8 @@ def _sensing_area(design: Design) -> Any:
     """Outline of the sensing area on the untouched membrane."""
     import pyvista
 
-    corners = np.array(design.sensing_area_mm) / 2 * [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
-    share = np.linspace(0, 1, 60)[:, None]
-    path = np.vstack([a + share * (b - a) for a, b in pairwise(corners)])
+    outline = design.sensing_area.outline_mm(per_side=60)
+    path = np.vstack([outline, outline[:1]])
     z = np.nan_to_num(base_mm(design.elastomer, path[:, 0], path[:, 1]))
     return pyvista.lines_from_points(np.column_stack([path, z]))
 
@@ -199,15 +198,14 @@ def _sensing_area(design: Design) -> Any:
 def _frustum(design: Design) -> list[Any]:
     import pyvista
 
-    half_w, half_h = np.array(design.sensing_area_mm) / 2
-    corners = [(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)]
-    ends = [(x, y, float(np.nan_to_num(base_mm(design.elastomer, x, y)))) for x, y in corners]
+    x, y = design.sensing_area.ends_mm.T
+    ends = np.column_stack([x, y, np.nan_to_num(base_mm(design.elastomer, x, y))])
     camera = design.camera
     if camera.mirror is None:
         return [pyvista.Line(camera.position_mm, end) for end in ends]
     eye, (_, _, normal) = np.array(camera.eye_mm), camera.mirror.axes
     ahead = (np.asarray(camera.mirror.centre_mm) - eye) @ normal
-    met = [eye + (end - eye) * ahead / ((end - eye) @ normal) for end in np.array(ends)]
+    met = [eye + (end - eye) * ahead / ((end - eye) @ normal) for end in ends]
     below = [pyvista.Line(at, end) for at, end in zip(met, ends, strict=True)]
     return below + [pyvista.Line(camera.position_mm, at) for at in met] + [_mirror(camera.mirror)]
 

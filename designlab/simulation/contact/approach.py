@@ -71,8 +71,9 @@ def above_mm(press: Press, base: Array, x: Array, y: Array) -> Array:
 def require_room(press: Press, room: float) -> None:
     """Raise `ValueError` unless a press ends before the core, which lies `room` (mm) below first touch."""
     if press.depth_mm is not None and press.depth_mm >= room:
+        along = "z" if press.direction == "axis" else "its normal"
         raise ValueError(
-            f"press.depth_mm: must be less than the gel is thick there, {room:.4g} mm along z, or the "
+            f"press.depth_mm: must be less than the gel is thick there, {room:.4g} mm along {along}, or the "
             f"probe meets the core; is {press.depth_mm:g} mm"
         )
 

@@ -22,6 +22,7 @@ from designlab.mechanics.contact import (
 )
 from designlab.mechanics.contact import press as press_layer
 from designlab.sensor.contact import LayerContact
+from designlab.simulation.contact.along_normal import Turn
 from designlab.simulation.contact.approach import (
     above_mm,
     first_touch_mm,
@@ -74,7 +75,14 @@ class _Solved:
         return np.asarray(normal + right * self.frame.across - down * self.frame.along)
 
 
-def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, press: Press) -> Surface:
+def deform(
+    untouched: Surface,
+    elastomer: Elastomer,
+    contact: LayerContact,
+    press: Press,
+    *,
+    turn: Turn | None = None,
+) -> Surface:
     """Deform the membrane by a press.
 
     The membrane moves along its normal as a flat layer would on the plane that touches it where the probe
@@ -87,6 +95,8 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
         The undeformed membrane.
     elastomer, contact, press : Elastomer, LayerContact, Press
         The gel, what it is made of, and the indentation.
+    turn : Turn, optional
+        Where on a dome the apex of this membrane really is: the gel's edge is there.
 
     Returns
     -------
@@ -103,7 +113,7 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
         If no solution was found.
     """
     bare = contact.model_copy(update={"skin_length_mm": 0.0})
-    solved = _solved(elastomer, bare, press, untouched.pitch_mm, _written_ns(press))
+    solved = _solved(elastomer, bare, press, untouched.pitch_mm, _written_ns(press), turn)
     solution, frame, skin_mm = solved.contact, solved.frame, contact.skin_length_mm
     steepness = float(frame.normal[2])
     normal = _seen(untouched, solved, partial(solution.displacement, smoothing_mm=skin_mm))
@@ -142,7 +152,12 @@ def _written_ns(press: Press) -> int:
 
 @lru_cache(maxsize=128)
 def _solved(
-    elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm: float, written_ns: int
+    elastomer: Elastomer,
+    contact: LayerContact,
+    press: Press,
+    pitch_mm: float,
+    written_ns: int,
+    turn: Turn | None,
 ) -> _Solved:
     """Solve a contact once for all pictures of it, and anew when the file of its probe was written."""
     del written_ns  # is part of the key alone
@@ -182,10 +197,12 @@ def _solved(
             twist_deg=-press.twist_deg,
             axis=axis,
         )
-        touched = _points(frame, first, solution)[solution.touched][:, :2]
+        points = _points(frame, first, solution)[solution.touched]
+        touched = (points if turn is None else turn.forth(points))[:, :2]
         if not inside(elastomer, *touched.T).all():
+            x_mm, y_mm = press.centre_mm if turn is None else turn.place_mm[:2]
             raise ValueError(
-                f"press: {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+                f"press: {named(press)} at ({x_mm:g}, {y_mm:g}) mm "
                 f"touches the edge of the gel, {elastomer.width_mm:g} mm wide; contact must end on the "
                 "membrane"
             )

@@ -1,13 +1,14 @@
 """A press: which probe, how deep or with which force, and where."""
 
 import math
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import field_validator, model_validator
 
 from geometries.probes import Probe, parse
 from geometries.spec import Spec, quantity
 
+Direction = Literal["axis", "normal"]
 LEAST_DEPTH_MM = 0.01  # of a press that errors of depth would lift off the gel
 
 
@@ -19,13 +20,17 @@ class Press(Spec):
     probe : Probe or str
         The indenter, or its text, such as ``"sphere:4"``.
     depth_mm : float, optional
-        Largest penetration below the undeformed membrane, along z, in mm; at most 20.
+        Largest penetration below the undeformed membrane, along the press, in mm; at most 20.
     force_n : float, optional
-        Force along z in N instead of a depth, for gels that are elastic layers.
+        Force along the press in N instead of a depth, for gels that are elastic layers.
     centre_mm : tuple of two float
         Where the probe's axis meets the membrane, (x, y) in mm.
+    direction : {"axis", "normal"}
+        Along which the probe is pressed: the sensor's axis z, or the normal of the membrane at its centre.
+        There a dome is turned by the shortest way until its apex is at the centre; yaw and shear are about
+        and along the axes that turned with it.
     yaw_deg : float
-        Rotation about z in degrees, counter-clockwise in the image.
+        Rotation about the press in degrees, counter-clockwise in the image.
     shear_mm : tuple of two float
         How far the probe is then moved sideways, (x, y) in mm.
     twist_deg : float
@@ -40,13 +45,15 @@ class Press(Spec):
     probe: Probe
     """The indenter."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
-    """Largest penetration below the undeformed membrane, along z."""
+    """Largest penetration below the undeformed membrane, along the press."""
     force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
-    """Force along z instead of a depth, for gels that are elastic layers."""
+    """Force along the press instead of a depth, for gels that are elastic layers."""
     centre_mm: tuple[float, float] = (0.0, 0.0)
     """Where the probe's axis meets the membrane (x, y) (mm)."""
+    direction: Direction = "axis"
+    """Along which the probe is pressed: the sensor's axis, or the normal of the membrane at the centre."""
     yaw_deg: float = quantity(0.0, unit="deg", ge=-360, le=360)
-    """Rotation about z, counter-clockwise in the image."""
+    """Rotation about the press, counter-clockwise in the image."""
     shear_mm: tuple[float, float] = (0.0, 0.0)
     """How far the probe is then moved sideways (x, y) (mm)."""
     twist_deg: float = quantity(0.0, unit="deg", ge=-90, le=90)

@@ -21,11 +21,11 @@ class Mechanics:
     Attributes
     ----------
     depth_mm : float
-        Largest penetration below the undeformed membrane, along z (mm).
+        Largest penetration below the undeformed membrane, along the press (mm).
     force_n : float
-        Force along z (N).
+        Force along the press, z but where it is made along the normal (N).
     shear_force_n : (float, float)
-        Force along x and y on the gel (N).
+        Force along x and y on the gel, turned with the press (N).
     contact_area_mm2, contact_radius_mm : float
         Area of the contact, and radius of a circle of that area.
     bulge_um : float

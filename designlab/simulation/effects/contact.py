@@ -7,6 +7,7 @@ from typing import ClassVar
 from designlab.sensor.contact import KernelContact, LayerContact, require
 from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
+from designlab.simulation.contact.indentation import deform
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values, at_least
@@ -140,7 +141,7 @@ class ContactLayer(Effect):
             return surface
         gel = design.elastomer.model_copy(update={"thickness_mm": values["thickness_mm"]})
         contact = LayerContact(skin_length_mm=values["skin_length_mm"])
-        elastic = layer.deform(surface, gel, contact, press)
+        elastic = deform(surface, gel, contact, press)
         height_mm = (1 - share) * surface.height_mm + share * elastic.height_mm
         return replace(elastic if share == 1 else surface, height_mm=height_mm)
 

@@ -10,6 +10,7 @@ from designlab.sensor.design import Design
 from designlab.sensor.refraction import Glass, crossing_mm
 from designlab.simulation.contact.surface import Surface
 
+STEPS_FLAT, STEPS_CURVED = 8, 60  # from the plane z = 0 to the membrane
 STEEPEST = float(np.tan(np.radians(89.0)))  # tangent of the angle to the axis
 
 
@@ -35,12 +36,14 @@ class Rays:
             float(np.median(-np.diff(self.y_mm, axis=0))),
         )
 
-    def hit(self, surface: Surface, *, iterations: int = 8) -> tuple[Array, Array]:
+    def hit(self, surface: Surface) -> tuple[Array, Array]:
         """Points (x, y) in mm where the rays meet a deformed membrane, by fixed-point iteration.
 
-        Viewing rays are steep, so the iteration contracts wherever a wall does not hide itself.
+        Viewing rays are steep, so the iteration contracts wherever a wall does not hide itself; slowly on the
+        flank of a dome that is seen along it.
         """
         z = np.nan_to_num(surface.z_mm)
+        iterations = STEPS_FLAT if np.nanmax(surface.base_mm, initial=0.0) == 0 else STEPS_CURVED
         x, y, height = self.x_mm.copy(), self.y_mm.copy(), np.zeros_like(self.x_mm)
         # Most rays meet the undeformed plane, where the first look-up changes nothing.
         moving = np.ones(x.shape, dtype=bool)

@@ -380,7 +380,8 @@ class Shader:
         shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
         at = np.indices(lattice.shape) / LOBE_STRIDE
         response = _lobe(nodes, scene, rays)
-        sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
+        # Beyond a dome there is no membrane, and no number; splines would carry that everywhere.
+        sums = [np.nan_to_num(np.asarray(self._light(g, nodes, None, response))) for g in range(scene.groups)]
         grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
         return np.array(grids, dtype=np.float32)
 

@@ -49,7 +49,8 @@ def membrane(design: Design, surface: Surface) -> Shape:
     a, b, c, d = index[:-1, :-1][kept], index[:-1, 1:][kept], index[1:, 1:][kept], index[1:, :-1][kept]
     faces = np.concatenate([np.stack([a, d, c], axis=1), np.stack([a, c, b], axis=1)])
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1).reshape(-1, 3)
-    normals = np.nan_to_num(normals / np.linalg.norm(normals, axis=-1, keepdims=True), nan=0.0)
+    with np.errstate(invalid="ignore"):  # vertical on a sphere's equator, where no face is kept
+        normals = np.nan_to_num(normals / np.linalg.norm(normals, axis=-1, keepdims=True), nan=0.0)
     vertices = np.nan_to_num(np.stack([grid_x, grid_y, z], axis=-1).reshape(-1, 3))
     return Shape("membrane", vertices, faces, coating(design, surface), normals)
 

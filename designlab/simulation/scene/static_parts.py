@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from geometries.outline import reach_mm
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
 GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
+SIDE_RINGS = 25  # of the mesh of a curved side, from gel side to window
 CAVITY_RINGS = 60  # of a hollow's mesh, from its bottom to its rim
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
@@ -52,16 +54,22 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     top = gelcore.polygon_at(core, core.height_mm, segments=72)
     window_z = gel.thickness_mm + core.height_mm + core.window_slope * top[:, 1]
     low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
+    curve = None if not core.side_bulge_mm else _Curve.of(design, outline, low, high)
     for number, lit in enumerate(_sides_with_light(design, outline)):
         ends = [number, (number + 1) % len(outline)]
-        side = np.concatenate([low[ends], high[ends[::-1]]])
+        if curve is None:
+            side, corners = np.concatenate([low[ends], high[ends[::-1]]]), np.array([[0, 1, 2], [0, 2, 3]])
+        else:
+            side, corners = curve.strip(ends)
         finish = (core.led_side_finish or "polished") if lit else core.side_finish
         painted = finish == "painted"
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
-        faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
+        faces = oriented(side, corners, outward)
         rough = core.ground_roughness if finish == "ground" else 0.0
         # A round core is turned, not cut into flats: light is bent by its curve.
         normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
+        if curve is not None:
+            normals = curve.normals(ends, normals)
         matter = paint if painted else Dielectric(inner, air, rough)
         yield Shape(f"core-side-{number}", side, faces, matter, None if painted else normals)
     yield from _window(design, top, Dielectric(inner, air))
@@ -70,6 +78,46 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
     yield _tube("gel-rim", lower, np.column_stack([rim, _interface_z(design, rim)]), black)
     yield from _interface(design, outline)
+
+
+class _Curve(NamedTuple):
+    """Rings of a core with curved sides, from gel side to window.
+
+    Attributes
+    ----------
+    rings : array, shape (rings, corners, 3)
+        Points of the sides (mm).
+    slope : array, shape (rings,)
+        How fast the sides lean outwards with height, mm a mm.
+    """
+
+    rings: Array
+    slope: Array
+
+    @classmethod
+    def of(cls, design: Design, outline: Array, low: Array, high: Array) -> "_Curve":
+        """Lay rings between the lower and the upper edge of the sides."""
+        core, share = design.gelcore, np.linspace(0.0, 1.0, SIDE_RINGS)
+        rings = []
+        for part, out in zip(share, gelcore.bulge_mm(core, share), strict=True):
+            z = low[:, 2] + part * (high[:, 2] - low[:, 2])
+            rings.append(np.column_stack([gelcore.outset(outline, float(out)), z]))
+        return cls(np.array(rings), gelcore.bulge_slope(core, share))
+
+    def strip(self, ends: list[int]) -> tuple[Array, Array]:
+        """Vertices and faces of the side between two corners."""
+        first = 2 * np.arange(len(self.rings) - 1)[:, None]
+        faces = np.concatenate([first + np.array([0, 1, 3]), first + np.array([0, 3, 2])])
+        return self.rings[:, ends].reshape(-1, 3), faces
+
+    def normals(self, ends: list[int], level: Array | None) -> Array:
+        """Outward normals at the vertices of a side, whose level ones are given where the core is round."""
+        if level is None:
+            edge = self.rings[0, ends[1]] - self.rings[0, ends[0]]
+            level = np.tile([edge[1], -edge[0], 0.0], (2 * len(self.rings), 1))
+            level = level / np.linalg.norm(level, axis=1)[:, None]
+        leaning = level - np.repeat(self.slope, 2)[:, None] * (0.0, 0.0, 1.0)
+        return np.asarray(leaning / np.linalg.norm(leaning, axis=1)[:, None])
 
 
 def _window(design: Design, top: Array, matter: Dielectric) -> Iterator[Shape]:

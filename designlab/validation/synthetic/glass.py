@@ -59,6 +59,8 @@ class ImmersedParts:
             raise ValueError("gelcore.cavity_radius_mm: measurements are generated of solid cores only")
         if design.gelcore.wedge_deg is not None:
             raise ValueError("gelcore.wedge_deg: measurements are generated of level windows only")
+        if design.gelcore.side_bulge_mm:
+            raise ValueError("gelcore.side_bulge_mm: measurements are generated of straight sides only")
         optics, gel = design.optics, design.elastomer
         shapes = [shape for shape in core_and_gel(design) if shape.name not in INTERFACE]
         return cls(

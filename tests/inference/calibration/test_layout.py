@@ -154,11 +154,18 @@ def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
 
 
 def test_a_failed_fit_tells_of_no_group():
-    words = layout_words(SimpleNamespace(parameters=()), DESIGN, failed=True)
+    words = layout_words(SimpleNamespace(parameters=()), DESIGN, "failed")
     assert words == [
         f"LED group {name}: not told where it shines from, since the fit failed"
         for name in ("red", "green", "blue")
     ]
+
+
+def test_a_doubtful_fit_tells_places_without_intervals():
+    found = SimpleNamespace(parameters=(FittedParameter("leds.groups.0.azimuth_deg.0", "deg", 26.0, 0.6),))
+    (word,) = layout_words(found, DESIGN, "doubtful")
+    assert word.startswith("LED group red may shine from about 26 deg, drawn at 90 deg")
+    assert "±" not in word
 
 
 @pytest.mark.faults

@@ -94,6 +94,19 @@ def test_presses_lie_within_the_smallest_sensing_area_of_a_study():
     assert study.presses.area_mm == (8.0, 9.0)
 
 
+def test_a_round_variant_makes_the_presses_of_all_round_and_a_stated_area_keeps_the_shape():
+    variants = {"a": {}, "b": {"sensing_area_shape": "ellipse"}}
+    for stated, size in (
+        ({}, (16.0, 12.0)),
+        ({"area_mm": [8.0, 6.0]}, (8.0, 6.0)),
+        ({"depth_mm": 0.5}, None),
+    ):
+        presses = make(variants=variants, presses=stated).presses
+        assert presses.area_shape == "ellipse"
+        assert presses.area_mm == (size or FLAT.sensing_area_mm)
+    assert make(variants=variants).pressed(depth_mm=0.3).presses.area_shape == "ellipse"
+
+
 def test_usual_presses_leave_the_digest_of_a_study_as_it_was():
     study = make()
     assert study.digest == make(presses={"depth_mm": 0.8}).digest

@@ -94,3 +94,23 @@ def test_on_a_dome_a_pixel_sees_where_the_line_meets_the_sphere():
     t = (-b + np.sqrt(b**2 - a * (to_camera @ to_camera - 35.0**2))) / a
     np.testing.assert_allclose(x, camera[0] + t * direction[..., 0], atol=2e-4)
     np.testing.assert_allclose(y, camera[1] + t * direction[..., 1], atol=2e-4)
+
+
+@pytest.mark.parametrize("name", ["pbr-fingertip-like", "digit360-like", "difftactile-dome-like"])
+def test_steep_flanks_are_met_where_they_are(name):
+    """Rays in the gel are straight: of a sphere they meet what the quadratic equation says."""
+    design = preset(name)
+    radius, width = design.elastomer.radius_mm, design.elastomer.width_mm
+    seen = rays(design, design.view(40))
+    x, y = seen.hit(surface_of(design, pitch_mm=0.05, area_mm=(width, width)))
+    # (x0 + a z)^2 + (y0 + b z)^2 + (z - R)^2 = R^2, the lower solution
+    a = 1 + seen.slope_x**2 + seen.slope_y**2
+    b = radius - seen.x_mm * seen.slope_x - seen.y_mm * seen.slope_y
+    c = seen.x_mm**2 + seen.y_mm**2
+    meets = b**2 > a * c
+    z = (b - np.sqrt(np.where(meets, b**2 - a * c, 0.0))) / a
+    at = np.hypot(seen.x_mm + seen.slope_x * z, seen.y_mm + seen.slope_y * z)
+    looked = meets & (at < radius * np.sin(np.radians(60.0))) & (at < 0.47 * width)
+    assert np.degrees(np.arcsin(at[looked].max() / radius)) > 20.0
+    off = np.hypot(x - seen.x_mm - seen.slope_x * z, y - seen.y_mm - seen.slope_y * z)
+    assert off[looked].max() < 2e-3

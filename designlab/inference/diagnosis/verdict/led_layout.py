@@ -37,6 +37,7 @@ MOST_LEFT = 0.3  # of a channel's mean that the azimuths found may leave, noise 
 EXPLAINED = 5.0  # misfit of pictures once mirrored, below which that explains them
 CLEARER = 2.0  # factor by which the azimuths must explain them better than that
 LEAST_TURN_DEG = 2 * STEP_DEG  # that a group is off by
+NAMED_FROM = 0.5  # share of the gap of each use that the azimuths must take away to be named
 CONFIDENCE = 5 / 6  # four made sensors with turned rows, of four, were told right (rule of succession)
 USES = ("train", "select", "final")
 LOOKS_LIKE = ("mirrored", "channels", "odd", "probe", "place")  # suspicions that a wrong layout raises
@@ -78,7 +79,11 @@ def misplaced(
     mirrored = min(_missed(pictures, turn) for turn in UPRIGHT if turn)
     if not _doubtful(pictures, design) or mirrored < EXPLAINED:
         return None
-    found = search_layout(measurement, design, seed=renders.seed)
+
+    def told(stage: str, done: int, total: int) -> None:
+        renders.work.tell(f"LED groups at other sides: {stage}, {100 * done // total} %")
+
+    found = search_layout(measurement, design, seed=renders.seed, closely=False, progress=told)
     turned = any(abs(place.moved_deg) >= LEAST_TURN_DEG for place in found.places)
     if not turned or found.drawn < BETTER or found.left > MOST_LEFT:
         return None
@@ -167,11 +172,13 @@ def layout_report(
         for place in moved
     )
     command = f"designlab calibrate {measurement.folder} --layout --model DESIGN --out calibrated"
+    gap = _levels((model, corrected), seen, source)
+    closed = all(level.removed is not None and level.removed >= NAMED_FROM for level in gap.values())
     report = GapReport(
-        verdict="named",
+        verdict="named" if closed else "partial",
         effects=(Found(NAME, values, CONFIDENCE, (NAME,), f"{SUMMARY}: {places}"),),
         where=(),
-        gap=_levels((model, corrected), seen, source),
+        gap=gap,
         next_measurement=Advice(
             f"none: run `{command}`, which fits azimuth, height and tilt, then diagnose again with "
             "calibrated/calibrated.toml"
