@@ -15,6 +15,7 @@ from geometries import gelcore
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing, Seats
 from geometries.leds import LedArray, bodies
+from geometries.mesh import solids
 from geometries.outline import reach_mm
 
 if TYPE_CHECKING:
@@ -330,8 +331,8 @@ def body(
         block = block.union(collar)
     turn = math.radians(within.cable_deg)
     way = (math.cos(turn), math.sin(turn), 0.0)
-    start = tuple(float((inner - 1.0) * c) for c in way[:2])
-    hole = cadquery.Plane(origin=(*start, top - CABLE_MM / 2 - 0.6), xDir=(0, 0, 1), normal=way)
+    start = cadquery.Vector((inner - 1.0) * way[0], (inner - 1.0) * way[1], top - CABLE_MM / 2 - 0.6)
+    hole = cadquery.Plane(origin=start, xDir=(0, 0, 1), normal=way)
     block = block.cut(cadquery.Workplane(hole).rect(CABLE_MM, CABLE_MM).extrude(FAR_MM / 4))
     block = _camera_seat(block, housing, mount, gap)
     return block.solids()
@@ -460,26 +461,26 @@ def camera_solid(mount: Mount) -> "cadquery.Workplane":
     return work.solids()
 
 
-def screw_solids(seats: Seats, mount: Mount, length_mm: float) -> "list[cadquery.Shape]":
+def screw_solids(seats: Seats, mount: Mount, length_mm: float) -> "list[cadquery.Solid]":
     """Screws at their places: cap heads on the lid, shanks as thick as what they go into is drawn."""
     fastener, top = mount.fastener, lid_top_mm(mount)
     shank = fastener.thread_mm if seats.fastening == "insert" else fastener.tap_mm
-    found = []
+    found: list[cadquery.Solid] = []
     for x, y in screw_places(mount):
         screw = _disc(fastener.head_mm / 2, top, top + fastener.head_height_mm)
         screw = screw.union(_disc(shank / 2, top - length_mm, top))
-        found.append(screw.translate((x, y, 0)).val())
+        found += solids(screw.translate((x, y, 0)))
     return found
 
 
-def insert_solids(mount: Mount) -> "list[cadquery.Shape]":
+def insert_solids(mount: Mount) -> "list[cadquery.Solid]":
     """Threaded inserts at their places, as wide as their holes: they are melted in."""
     fastener, seat = mount.fastener, mount.seat_mm
-    found = []
+    found: list[cadquery.Solid] = []
     for x, y in screw_places(mount):
         insert = _disc(fastener.insert_hole_mm / 2, seat - fastener.insert_length_mm, seat)
         insert = insert.cut(_disc(fastener.thread_mm / 2, seat - fastener.insert_length_mm - 1, seat + 1))
-        found.append(insert.translate((x, y, 0)).val())
+        found += solids(insert.translate((x, y, 0)))
     return found
 
 

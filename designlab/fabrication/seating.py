@@ -13,6 +13,7 @@ from designlab.sensor import seating
 from designlab.sensor.design import Design
 from geometries import seats
 from geometries.leds import bodies
+from geometries.mesh import solids
 from geometries.seats import Mount, Plate, Prism
 
 if TYPE_CHECKING:
@@ -161,13 +162,14 @@ def seated_parts(design: Design, boards: Sequence[Board]) -> dict[str, "cadquery
             f"housing.seats: the body falls into {len(body.vals())} pieces; raise housing.wall_mm or give "
             "the boards more room"
         )
-    found = {"housing": body.val(), "lid": seats.lid(housing, mount).val()}
+    made = {"housing": body, "lid": seats.lid(housing, mount)}
     if seats.rings(design.leds):
         window_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
         board_mm = next((plate.origin[2] for plate in found_plates if plate.ring), window_mm)
         ring = seats.core_ring(housing, design.gelcore, design.leds, window_mm=window_mm, board_mm=board_mm)
-        found["core_ring"] = ring.val()
-    found["camera"] = seats.camera_solid(mount).val()
+        made["core_ring"] = ring
+    made["camera"] = seats.camera_solid(mount)
+    found: dict[str, cadquery.Shape] = {name: solids(work)[0] for name, work in made.items()}
     compound = cadquery.Compound.makeCompound
     if housing.seats.fastening == "insert":
         found["inserts"] = compound(seats.insert_solids(mount))

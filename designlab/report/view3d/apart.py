@@ -73,11 +73,12 @@ def pictures_apart(
     import cadquery
 
     with tempfile.TemporaryDirectory(prefix="designlab-apart-") as work:
-        job, meshes = Path(work), {}
+        job, meshes = Path(work), dict[str, Any]()
         for name in {drawn.part for picture in pictures for drawn in picture.parts}:
             solids = cadquery.Workplane().newObject(shapes[name].Solids())
             mesh = from_solid(solids, tolerance_mm=_TOLERANCE_MM, angular_tolerance_deg=_ANGLE_DEG)
-            meshes[f"{name}.vertices"], meshes[f"{name}.faces"] = mesh.vertices, mesh.faces
+            meshes[f"{name}.vertices"] = np.asarray(mesh.vertices)
+            meshes[f"{name}.faces"] = np.asarray(mesh.faces)
         np.savez(job / MESHES, **meshes)
         wanted = {"colours": dict(colours), "pictures": [_plain(picture) for picture in pictures]}
         (job / "job.json").write_text(json.dumps(wanted), encoding="utf-8")
