@@ -165,15 +165,18 @@ def export(
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     require_replaceable(Path(out))
     made, left_out = _boards(design, supply_v, allow_infeasible) if boards else (None, [])
+    describe = describe if design.housing.seats is not None else None
     with atomic_folder(out, replace=True) as folder:
-        built = _write(design, folder, chosen, made, allow_infeasible, progress, [*notes, *left_out])
+        told = [*notes, *left_out]
+        more = 1 if describe is not None else 0
+        built, steps = _write(design, folder, chosen, made, allow_infeasible, progress, told, more)
         manifest = dict(built.manifest)
         require(FileCheck(**check) for check in manifest["checks"])
-        if describe is not None and built.order:
-            progress("guide", 1, 2)
+        if describe is not None:
+            progress("guide", steps - 1, steps)
             manifest["warnings"] = [*manifest["warnings"], *describe(built, folder)]
         _close(design, folder, manifest)
-        progress("done", 2, 2)
+        progress("done", steps, steps)
         require_replaceable(Path(out))  # somebody may have written there meanwhile
     return manifest
 
@@ -218,14 +221,18 @@ def _write(
     allow_infeasible: bool,
     progress: Progress,
     notes: Sequence[str],
-) -> Built:
-    """Write all files of parts and return what was built, failed checks included."""
+    more: int,
+) -> tuple[Built, int]:
+    """Write all files of parts and return what was built, failed checks included, and the steps in all.
+
+    `more` are steps that follow.
+    """
     meshed = [probe for probe in chosen if probe.file is not None]
     boards = () if made is None else made.boards
     shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None], boards=boards)
     order: list[assembly.Step] = []
     carried: dict[str, list[int]] = {}
-    steps = len(shapes) + len(meshed) + len(boards) + 2
+    steps = len(shapes) + len(meshed) + len(boards) + 2 + more
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
     for done, (name, shape) in enumerate(shapes.items()):
@@ -249,10 +256,10 @@ def _write(
         step = _path(folder, "step", f"{board.name}.step")
         _write_step(board_shapes[board.name], step)
         checks += [*found, *check_step(board.name, step, board_shapes[board.name])]
-    progress("assembly", steps - 2, steps)
+    progress("assembly", steps - 2 - more, steps)
     sensor = [name for name in shapes if name in (*SENSOR_PARTS, *SEATED_PARTS)]
     checks += _write_assembly(design, folder, {name: shapes[name] for name in sensor}, board_shapes)
-    progress("checks", steps - 1, steps)
+    progress("checks", steps - 1 - more, steps)
     pairs = [*combinations(sensor, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
     # A board carries the LEDs, whose drawn bodies may be thicker than the part that is bought.
     pairs += [(name, part) for name in board_shapes for part in sensor if part != "led_array"]
@@ -310,7 +317,7 @@ def _write(
     write_csv(manifest["bom"], folder / "bom.csv")
     (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
     _write_json(manifest["checks"], folder / "checks.json")
-    return Built(design, {**shapes, **board_shapes}, order, carried, made, manifest)
+    return Built(design, {**shapes, **board_shapes}, order, carried, made, manifest), steps
 
 
 def _close(design: Design, folder: Path, manifest: dict[str, Any]) -> None:
