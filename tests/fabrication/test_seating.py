@@ -144,7 +144,7 @@ def test_prints_lie_on_their_upper_face(folder: Path, name: str) -> None:
     printed, built = read(folder / "3mf" / f"{name}.3mf"), read(folder / "stl" / f"{name}.stl")
     assert printed.is_watertight
     assert printed.bounds[0, 2] == pytest.approx(0.0, abs=THINNING_MM)
-    assert printed.volume == pytest.approx(built.volume, rel=1e-9)
+    assert printed.volume == pytest.approx(built.volume, rel=1e-5)  # files round
     # what was on top is below: the largest level face is on the bed
     level = printed.face_normals[:, 2] < -0.999
     on_bed = level & (np.abs(printed.triangles_center[:, 2]) < THINNING_MM)
