@@ -111,6 +111,15 @@ def polygon(spec: Gelcore, *, segments: int = 360) -> NDArray[np.float64]:
     )
 
 
+def polygon_at(spec: Gelcore, height_mm: float, *, segments: int = 360) -> NDArray[np.float64]:
+    """Corners (mm) of the outline `height_mm` over the gel side, smaller with a draft; see `polygon`."""
+    outline = polygon(spec, segments=segments)
+    lean_mm = tan(radians(spec.draft_deg)) * height_mm
+    if spec.shape == "hexagonal":
+        return outline * (1 - lean_mm / (spec.width_mm / 2))
+    return outline - lean_mm * np.sign(outline)
+
+
 def side_height_mm(spec: Gelcore) -> float:
     """Height of the side faces (mm), of a dome above its spherical cap."""
     if spec.radius_mm is None:

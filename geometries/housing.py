@@ -1,13 +1,42 @@
 """The opaque tube that holds gelcore, LEDs and camera."""
 
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, field_validator, model_validator
 
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
     import cadquery
+
+
+CLEARANCE_MM = {"fdm": 0.2, "sla": 0.1}
+"""Gap on each side between a seat and its part, by how the housing is printed."""
+
+
+class Seats(Spec):
+    """Seats that hold gelcore, LED boards and camera in the housing, and a lid over the camera."""
+
+    fit: Literal["fdm", "sla"] = "fdm"
+    """How body and lid are printed: fdm, melted filament, gaps of 0.2 mm; sla, cured resin, 0.1 mm."""
+    clearance_mm: float | None = quantity(None, unit="mm", ge=0.02, le=1)
+    """Gap on each side between a seat and its part; that of the fit when absent."""
+    outline: Literal["round", "rectangle"] = "round"
+    """Outside of the body: a tube, or a square block around it. The inside is round."""
+    stop: Literal["collar", "tabs"] = "collar"
+    """What the gelcore's window rests on: collar, a black tunnel from the camera plate down to it; tabs,
+    ledges at the wall, where a collar would stand in the light of the LEDs."""
+    collar_wall_mm: float = quantity(1.2, unit="mm", ge=0.8, le=10)
+    """Thickness of the collar's wall, around the clear window."""
+    camera: str = Field("raspberry-pi-camera-2", min_length=1, max_length=80)
+    """Camera board that is seated, by its name in the table of modules."""
+    fastening: Literal["insert", "self_tapping"] = "insert"
+    """What the screws M2 of the lid go into: brass inserts melted into the body, or holes in the print."""
+
+    @property
+    def gap_mm(self) -> float:
+        """Gap on each side between a seat and its part (mm)."""
+        return CLEARANCE_MM[self.fit] if self.clearance_mm is None else self.clearance_mm
 
 
 class Housing(Spec):
@@ -25,6 +54,15 @@ class Housing(Spec):
     """Thickness of the camera plate."""
     camera_hole_mm: float = quantity(8.0, unit="mm", gt=0, le=100)
     """Diameter of the hole in the camera plate."""
+    seats: Seats | None = None
+    """Seats for gelcore, LED boards and camera, and a lid; `seats = true` takes their defaults. A plain tube
+    when absent."""
+
+    @field_validator("seats", mode="before")
+    @classmethod
+    def _seats_as_a_switch(cls, seats: Any) -> Any:
+        """Take true for seats as they are by default, and false for none."""
+        return ({} if seats else None) if isinstance(seats, bool) else seats
 
     @model_validator(mode="after")
     def _tube_has_length_and_plate(self) -> Self:

@@ -61,6 +61,13 @@ def from_solid(
     return mesh
 
 
+def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":
+    """All solids on a workplane, those within compounds included, in their order."""
+    import cadquery
+
+    return [solid for value in work.vals() if isinstance(value, cadquery.Shape) for solid in value.Solids()]
+
+
 def _merged(
     points: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

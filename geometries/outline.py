@@ -63,6 +63,34 @@ def inside_outline(
     return np.asarray(np.hypot(x, y) <= half)
 
 
+def reach_mm(
+    polygon: NDArray[np.float64], directions: NDArray[np.float64], *, grown_mm: float = 0.0
+) -> NDArray[np.float64]:
+    """Distance from the axis to a convex polygon around it along unit vectors.
+
+    Parameters
+    ----------
+    polygon : array, shape (n, 2)
+        Corners (mm), counter-clockwise.
+    directions : array, shape (m, 2)
+        Unit vectors.
+    grown_mm : float
+        By which every side is moved outwards (mm).
+
+    Returns
+    -------
+    array, shape (m,)
+        Distances in mm.
+    """
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    ahead = directions @ outward.T
+    with np.errstate(divide="ignore"):
+        reach = np.where(ahead > 1e-12, ((polygon * outward).sum(axis=1) + grown_mm) / ahead, np.inf)
+    return np.asarray(reach.min(axis=1))
+
+
 def regular_polygon(*, corners: int, radius_mm: float, azimuth_deg: float) -> NDArray[np.float64]:
     """Corners (mm) of a regular polygon, counter-clockwise from `azimuth_deg`; shape (corners, 2)."""
     angle = np.deg2rad(azimuth_deg) + 2 * np.pi * np.arange(corners) / corners

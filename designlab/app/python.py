@@ -99,6 +99,7 @@ def export(
         If `out` holds something else, a probe is unknown, or an LED board cannot be made.
     """
     from designlab.fabrication import export as write_files
+    from designlab.report.build_guide import write as write_guide
 
     return write_files(
         _model(design),
@@ -107,6 +108,7 @@ def export(
         boards=boards,
         supply_v=supply_v,
         allow_infeasible=allow_infeasible,
+        describe=write_guide,
     )
 
 

@@ -3,10 +3,10 @@
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from designlab.core.backend import installed_version
 from designlab.core.progress import silent
 from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
+from designlab.fabrication import assembly
 from designlab.fabrication import boards as led_boards
 from designlab.fabrication.boards import SUPPLY_V, BoardError, Boards
 from designlab.fabrication.boards.circuit import channels
@@ -32,15 +33,18 @@ from designlab.fabrication.parts import (
     CASTING_PARTS,
     MOULD_FLOOR_MM,
     MOULD_WALL_MM,
+    SEATED_PARTS,
     SENSOR_PARTS,
     parts,
     probe_name,
 )
-from designlab.fabrication.tables import bill, led_rows, readme, write_csv
+from designlab.fabrication.seating import BOUGHT
+from designlab.fabrication.tables import bill, led_rows, numbered, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
 from designlab.sensor.optical_constants import material
+from designlab.sensor.seating import assumed_figures
 from designlab.simulation.effects.model import SensorModel
 from geometries import probes as probe_library
 from geometries.leds import LedGroup, bodies
@@ -50,7 +54,16 @@ from geometries.probes import Probe
 if TYPE_CHECKING:
     import cadquery
 
-__all__ = ["FileCheck", "export", "led_colour", "package_colour", "parts"]
+__all__ = [
+    "BOARD_COLOUR",
+    "PART_COLOURS",
+    "Built",
+    "FileCheck",
+    "export",
+    "led_colour",
+    "package_colour",
+    "parts",
+]
 
 PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab", "gerbonara", "shapely")
 """Distributions that make the files, whose versions the manifest states."""
@@ -59,8 +72,32 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "gelcore": (0.75, 0.87, 0.95, 0.4),
     "elastomer": (0.95, 0.80, 0.60, 0.5),
     "housing": (0.25, 0.26, 0.29, 1.0),
+    "lid": (0.36, 0.38, 0.42, 1.0),
+    "core_ring": (0.42, 0.36, 0.30, 1.0),
+    "camera": (0.10, 0.45, 0.20, 1.0),
+    "inserts": (0.80, 0.62, 0.25, 1.0),
+    "screws": (0.62, 0.64, 0.67, 1.0),
 }
+"""Display colours of parts (sRGB and opacity, 0..1)."""
 BOARD_COLOUR = (0.08, 0.09, 0.1, 1.0)
+
+
+class Built(NamedTuple):
+    """What an export made, for who describes it.
+
+    Solids and steps of assembly lie in the sensor frame (mm); `carried` are the numbers of each board's LEDs.
+    """
+
+    design: Design
+    shapes: Mapping[str, "cadquery.Shape"]
+    order: Sequence[assembly.Step]
+    carried: Mapping[str, Sequence[int]]
+    boards: Boards | None
+    manifest: Mapping[str, Any]
+
+
+Describe = Callable[[Built, Path], Sequence[str]]
+"""Writes files about what was built into the folder of an export, and returns warnings."""
 
 
 def export(
@@ -71,6 +108,7 @@ def export(
     boards: bool = True,
     supply_v: float = SUPPLY_V,
     allow_infeasible: bool = False,
+    describe: Describe | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write everything needed to make a design into a folder, and check what was written.
@@ -91,6 +129,8 @@ def export(
     allow_infeasible : bool
         Export a design that breaks its rules, and overlapping parts, with a warning for each; LED boards that
         cannot be made are left out.
+    describe : callable, optional
+        Called with what was built and the folder, where it may write a guide; not before all checks passed.
     progress : callable, optional
         Called with the name of the next step, steps done and steps in all.
 
@@ -125,9 +165,18 @@ def export(
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     require_replaceable(Path(out))
     made, left_out = _boards(design, supply_v, allow_infeasible) if boards else (None, [])
+    describe = describe if design.housing.seats is not None else None
     with atomic_folder(out, replace=True) as folder:
-        manifest = _write(design, folder, chosen, made, allow_infeasible, progress, [*notes, *left_out])
+        told = [*notes, *left_out]
+        more = 1 if describe is not None else 0
+        built, steps = _write(design, folder, chosen, made, allow_infeasible, progress, told, more)
+        manifest = dict(built.manifest)
         require(FileCheck(**check) for check in manifest["checks"])
+        if describe is not None:
+            progress("guide", steps - 1, steps)
+            manifest["warnings"] = [*manifest["warnings"], *describe(built, folder)]
+        _close(design, folder, manifest)
+        progress("done", steps, steps)
         require_replaceable(Path(out))  # somebody may have written there meanwhile
     return manifest
 
@@ -172,12 +221,18 @@ def _write(
     allow_infeasible: bool,
     progress: Progress,
     notes: Sequence[str],
-) -> dict[str, Any]:
-    """Write all files and return the manifest, failed checks included."""
+    more: int,
+) -> tuple[Built, int]:
+    """Write all files of parts and return what was built, failed checks included, and the steps in all.
+
+    `more` are steps that follow.
+    """
     meshed = [probe for probe in chosen if probe.file is not None]
-    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
     boards = () if made is None else made.boards
-    steps = len(shapes) + len(meshed) + len(boards) + 2
+    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None], boards=boards)
+    order: list[assembly.Step] = []
+    carried: dict[str, list[int]] = {}
+    steps = len(shapes) + len(meshed) + len(boards) + 2 + more
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
     for done, (name, shape) in enumerate(shapes.items()):
@@ -201,18 +256,28 @@ def _write(
         step = _path(folder, "step", f"{board.name}.step")
         _write_step(board_shapes[board.name], step)
         checks += [*found, *check_step(board.name, step, board_shapes[board.name])]
-    progress("assembly", steps - 2, steps)
-    checks += _write_assembly(design, folder, shapes, board_shapes)
-    progress("checks", steps - 1, steps)
-    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
+    progress("assembly", steps - 2 - more, steps)
+    sensor = [name for name in shapes if name in (*SENSOR_PARTS, *SEATED_PARTS)]
+    checks += _write_assembly(design, folder, {name: shapes[name] for name in sensor}, board_shapes)
+    progress("checks", steps - 1 - more, steps)
+    pairs = [*combinations(sensor, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
     # A board carries the LEDs, whose drawn bodies may be thicker than the part that is bought.
-    pairs += [(name, part) for name in board_shapes for part in SENSOR_PARTS if part != "led_array"]
+    pairs += [(name, part) for name in board_shapes for part in sensor if part != "led_array"]
+    note = "accepted: allow_infeasible"
     overlaps = check_overlaps(design, {**shapes, **board_shapes}, pairs)
     if allow_infeasible:
-        note = "accepted: allow_infeasible"
         overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
     _require_boards_apart(overlaps)
     checks += overlaps
+    if design.housing.seats is not None:
+        together = {**shapes, **board_shapes}
+        order = assembly.steps(design, together, boards)
+        carried = assembly.leds_on(boards, design)
+        fitted = assembly.check_contacts(design, together, boards)
+        fitted += assembly.check_order(design, together, order, carried)
+        if allow_infeasible:
+            fitted = [check if check.ok else check._replace(ok=True, note=note) for check in fitted]
+        checks += fitted
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
         "kind": KIND,
@@ -221,11 +286,15 @@ def _write(
         "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
-        "assumed": [*assumed_fields(design), *(() if made is None else made.assumed)],
+        "assumed": [
+            *assumed_fields(design),
+            *(() if made is None else made.assumed),
+            *assumed_figures(design),
+        ],
         "parts": described,
         "boards": described_boards,
         "drive": [] if made is None else [channel.told() for channel in made.channels],
-        "bom": [*bill(design, shapes), *map(bill_row, boards)],
+        "bom": numbered([*bill(design, shapes), *map(bill_row, boards)]),
         "led_count": len(bodies(design.leds)),
         "margins_mm": design.margins(),
         "walls": {
@@ -237,6 +306,7 @@ def _write(
             *notes,
             *(() if made is None else made.notes),
             *(f"{probe_name(p)}: {note}" for p in meshed for note in described[probe_name(p)]["notes"]),
+            *_unseated(design, made),
             *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
@@ -246,15 +316,25 @@ def _write(
     write_csv(led_rows(design), folder / "leds.csv")
     write_csv(manifest["bom"], folder / "bom.csv")
     (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
-    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
     _write_json(manifest["checks"], folder / "checks.json")
+    return Built(design, {**shapes, **board_shapes}, order, carried, made, manifest), steps
+
+
+def _close(design: Design, folder: Path, manifest: dict[str, Any]) -> None:
+    """Write README and manifest, which tell of all other files."""
+    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
     written = sorted(path for path in folder.rglob("*") if path.is_file())
     manifest["files"] = {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in written
     }
     _write_json(manifest, folder / MANIFEST)
-    progress("done", steps, steps)
-    return manifest
+
+
+def _unseated(design: Design, made: Boards | None) -> list[str]:
+    """Say what a housing with seats does not hold."""
+    if design.housing.seats is None or made is not None or design.leds.coupling == "embedded":
+        return []
+    return ["the housing has no pockets for LEDs, since no LED boards are made"]
 
 
 def _require_boards_apart(overlaps: Sequence[FileCheck]) -> None:
@@ -273,8 +353,18 @@ def _write_part(
     design: Design, folder: Path, name: str, shape: "cadquery.Shape"
 ) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
-    step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
+    step = _path(folder, "step", f"{name}.step")
     _write_step(shape, step)
+    box = shape.BoundingBox()
+    described: dict[str, Any] = {
+        "solids": len(shape.Solids()),
+        "volume_mm3": shape.Volume(),
+        "area_mm2": shape.Area(),
+        "size_mm": [box.xlen, box.ylen, box.zlen],
+    }
+    if name in BOUGHT:
+        return described, check_step(name, step, shape)
+    stl = _path(folder, "stl", f"{name}.stl")
     optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
     mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
     mesh.export(stl, file_type="stl")
@@ -286,16 +376,13 @@ def _write_part(
         )
     if _printed(design, name):
         package = _path(folder, "3mf", f"{name}.3mf")
+        laid = shape
+        if design.housing.seats is not None and name in SEATED_PARTS:
+            laid = assembly.print_pose(name, shape)
+            mesh.apply_transform(assembly.print_turn(name, shape))
         write_3mf(mesh, package, name=name)
-        checks += check_mesh(name, package, shape)
-    box = shape.BoundingBox()
-    return {
-        "solids": len(shape.Solids()),
-        "volume_mm3": shape.Volume(),
-        "area_mm2": shape.Area(),
-        "size_mm": [box.xlen, box.ylen, box.zlen],
-        "mesh": report,
-    }, checks
+        checks += check_mesh(name, package, laid)
+    return described | {"mesh": report}, checks
 
 
 def _write_step(shape: "cadquery.Shape", path: Path) -> None:
@@ -329,7 +416,10 @@ def _write_assembly(
 
     assembly = cadquery.Assembly(name=re.sub(r"[^A-Za-z0-9_.-]+", "_", design.name) or "sensor")
     for name, rgba in PART_COLOURS.items():
-        assembly.add(shapes[name], name=name, color=cadquery.Color(*rgba))
+        solids = shapes[name].Solids() if name in shapes else []
+        for number, solid in enumerate(solids, start=1):
+            named = name if len(solids) == 1 else f"{name.rstrip('s')}_{number}"
+            assembly.add(solid, name=named, color=cadquery.Color(*rgba))
     array = cadquery.Assembly(name="led_array")
     for number, body in enumerate(bodies(design.leds)):
         groups = [design.leds.groups[index] for index in body.groups]
@@ -341,7 +431,7 @@ def _write_assembly(
         assembly.add(shape, name=name, color=cadquery.Color(*BOARD_COLOUR))
     path = folder / "assembly.step"
     assembly.export(str(path))
-    solids = [solid for name in SENSOR_PARTS for solid in shapes[name].Solids()]
+    solids = [solid for shape in shapes.values() for solid in shape.Solids()]
     solids += [solid for shape in boards.values() for solid in shape.Solids()]
     return check_step("assembly", path, cadquery.Compound.makeCompound(solids))
 
@@ -381,7 +471,7 @@ def _printed(design: Design, name: str) -> bool:
     """Whether a part comes from a 3D printer: housing, mould, probes, and a core of resin."""
     if name == "gelcore":
         return material(design.optics.gelcore_material).name.startswith("resin")
-    return name == "housing" or name.startswith(("mould", "probe"))
+    return name in ("housing", "lid", "core_ring") or name.startswith(("mould", "probe"))
 
 
 def _path(folder: Path, kind: str, name: str) -> Path:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from designlab.fabrication.parts import solids
 from designlab.fabrication.triangles import open_edges, read
 from designlab.sensor.design import Design
+from geometries.mesh import solids
 
 if TYPE_CHECKING:
     import cadquery

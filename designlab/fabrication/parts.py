@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from designlab.fabrication.boards.layout import Board
+from designlab.fabrication.seating import seated_parts
 from designlab.sensor.design import Design
 from geometries import elastomer, gelcore, housing, leds, probes
 from geometries.elastomer import Elastomer
+from geometries.mesh import solids
 from geometries.probes import Probe
 
 if TYPE_CHECKING:
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
 
 SENSOR_PARTS = ("gelcore", "elastomer", "led_array", "housing")
 """Parts of the sensor itself; the others are tools to make and to calibrate it."""
+SEATED_PARTS = ("housing", "lid", "core_ring", "camera", "inserts", "screws")
+"""Body of a housing with seats, and what such a one adds to the sensor."""
 CASTING_PARTS = ("elastomer", "mould_cavity", "mould_lid")
 """Parts that fill the closed mould."""
 
@@ -28,7 +33,9 @@ PIN_CLEARANCE_MM = 0.2  # on the diameter: printed pins grow, printed holes shri
 GROOVE_WIDTH_MM, GROOVE_DEPTH_MM = 1.0, 0.5
 
 
-def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cadquery.Shape"]:
+def parts(
+    design: Design, *, probe_list: Sequence[Probe] = (), boards: Sequence[Board] = ()
+) -> dict[str, "cadquery.Shape"]:
     """Build every part of a design.
 
     Parameters
@@ -37,17 +44,22 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
         The sensor.
     probe_list : sequence of Probe
         Indenters to add as ``probe_<kind>_<size>``, in their own frame; mesh probes have no solid: refused.
+    boards : sequence of Board
+        LED boards that a housing with seats has pockets for.
 
     Returns
     -------
     dict of str to cadquery.Shape
         ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid a
-        package), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes.
+        package), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes. A
+        housing with seats adds ``lid``, ``camera``, ``screws`` and, where needed, ``inserts``, ``core_ring``.
 
     Raises
     ------
     InfeasibleDesign
         If a part has no shape, see `designlab.sensor.feasibility.SHAPED`.
+    SeatError
+        If a part finds no seat; names part, value and rule.
     """
     design.require_shapes()
     gel = _shape(elastomer.solid(design.elastomer))
@@ -58,7 +70,11 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
         "gelcore": core,
         "elastomer": gel,
         "led_array": _shape(leds.solid(design.leds)),
-        "housing": _shape(housing.solid(design.housing)),
+        **(
+            {"housing": _shape(housing.solid(design.housing))}
+            if design.housing.seats is None
+            else seated_parts(design, boards)
+        ),
         **_mould(design.elastomer, gel),
     }
     return found | {probe_name(probe): _shape(probes.solid(probe)) for probe in probe_list}
@@ -69,13 +85,6 @@ def probe_name(probe: Probe) -> str:
     kind = probe.kind if probe.file is None else re.sub(r"[^A-Za-z0-9_-]+", "_", Path(probe.file).stem)
     edge = f"_edge_{probe.edge_radius_mm:.6g}mm" if probe.edge_radius_mm else ""
     return f"probe_{kind}_{probe.size_mm:.6g}mm{edge}"
-
-
-def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":
-    """All solids on a workplane, those within compounds included, in their order."""
-    import cadquery
-
-    return [solid for value in work.vals() if isinstance(value, cadquery.Shape) for solid in value.Solids()]
 
 
 def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":

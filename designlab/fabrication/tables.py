@@ -10,8 +10,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from designlab.fabrication.seating import BOUGHT, screw_length_mm
 from designlab.sensor.design import Design
+from designlab.sensor.seating import mount
 from geometries.leds import LedGroup, bodies, emitters
+from geometries.seats import screw_places
 
 if TYPE_CHECKING:
     import cadquery
@@ -81,7 +84,7 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     clear = {"gelcore": design.optics.gelcore_material, "elastomer": design.optics.elastomer_material}
     rows = []
     for name, shape in shapes.items():
-        if name == "led_array":
+        if name == "led_array" or name in BOUGHT:
             continue
         stock = SMOOTH if name.startswith("mould") else PRINTED
         if name in clear:
@@ -114,6 +117,8 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
     )
     place = ", ".join(f"{value:g}" for value in camera.position_mm)
+    if "camera" in shapes:
+        text = f"{mount(design).board.title}, {text}"
     look = (
         "looks along -z" if camera.mirror is None else "looks into the mirror; its picture comes out turned"
     )
@@ -123,7 +128,29 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         centre = ", ".join(f"{value:g}" for value in mirror.centre_mm)
         normal = ", ".join(f"{value:.4g}" for value in mirror.axes[2] + 0.0)
         rows.append(_row("mirror", 1, text, None, None, f"middle at ({centre}) mm, faces ({normal})"))
+    if design.housing.seats is not None:
+        rows += _fasteners(design, shapes)
     return rows
+
+
+def _fasteners(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
+    """Rows of what is bought to put a housing with seats together."""
+    camera, rows = mount(design), []
+    count = len(screw_places(camera))
+    screw = f"{camera.fastener.title}, {screw_length_mm(camera, design.housing.top_mm):g} mm long"
+    rows.append(_row("screws", count, screw, None, None, "hold lid and camera"))
+    if "inserts" in shapes:
+        rows.append(
+            _row("inserts", count, camera.fastener.insert_title, None, None, "in the body, under the screws")
+        )
+    for item, entry in _STOCK["consumables"].items():
+        rows.append(_row(item, 1, entry["material"], None, None, entry["note"]))
+    return rows
+
+
+def numbered(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of a bill of materials with part numbers, which the building guide uses too."""
+    return [{"part": f"P{number:02d}", **row} for number, row in enumerate(rows, start=1)]
 
 
 def _listed(texts: Sequence[str]) -> str:
@@ -171,6 +198,7 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         mix_g=CASTING_SURPLUS * gel["mass_g"],
         coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
         boards=_STOCK["boards"]["made" if manifest["boards"] else "none"],
+        seats=_STOCK["seats"]["none" if design.housing.seats is None else "made"],
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]

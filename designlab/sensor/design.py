@@ -27,6 +27,7 @@ from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
+from designlab.sensor.seating import camera_board
 from designlab.sensor.sensing_area import SensingArea, Shape
 from designlab.sensor.spectra import (
     electrons_per_j,
@@ -216,6 +217,16 @@ class Design(Spec):
                 "light in air meets no core"
             )
         require_agreement(self.gelcore, self.elastomer, self.leds, self.optics)
+        if self.housing.seats is not None:
+            try:
+                camera_board(self.housing.seats.camera)
+            except ValueError as error:
+                raise ValueError(f"housing.seats.camera: {error}") from None
+            if self.camera.mirror is not None:
+                raise ValueError(
+                    "housing.seats: seats hold a camera that looks straight down, camera.mirror is given; "
+                    "take one of both away"
+                )
         return self
 
     def _require_spectra(self) -> None:

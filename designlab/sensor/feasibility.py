@@ -12,10 +12,13 @@ from designlab.sensor.camera import Camera
 from designlab.sensor.led_mounting import face_corners, sides
 from designlab.sensor.parts import Parts
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
+from designlab.sensor.seating import camera_board, inside
 from geometries import elastomer, gelcore
 from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
+from geometries.outline import reach_mm
+from geometries.seats import WIDEST_OPEN_DEG, rings, widest_gap_deg
 
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
@@ -24,6 +27,9 @@ SIDE_PIECES = 12  # convex ones, one over the other, that stand for a core with 
 LEAST_SIDE_MM = 0.1  # height of a dome core's side, which light enters through: a printer's layer
 FORGIVEN_MM = 0.01  # of two spheres: what a mould reproduces; more means a gel of uneven thickness
 FORGIVEN_MM3 = 0.3  # that a core cuts into its gel; an export checks for less than 1 mm3
+LEAST_RIM_MM = 0.4  # of a core's rim on its stop
+LEAST_HEAD_MM = 5.0  # a threaded insert of 4 mm, and a closed floor under it
+LIT_MM = 0.3  # kept free beside LEDs
 
 RULES: dict[str, str] = {
     "leds_inside_housing": "every LED body lies inside the housing's inner radius",
@@ -54,6 +60,16 @@ RULES: dict[str, str] = {
     "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
     "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
     "mirror_above_core": "camera and mirror stand above the gelcore",
+    "seats_hold_core": f"housing.seats: collar, or ledges of the tabs, meet {LEAST_RIM_MM} mm or more of the "
+    "gelcore's rim",
+    "seats_centre_core": "housing.seats: tabs between the rows of LEDs, or a ring of "
+    f"{MINIMUM_WALL_MM} mm under a level board, hold the gelcore from all sides",
+    "seats_outside_view": "housing.seats: collar and tabs stand outside the view of the sensing area",
+    "seats_clear_of_leds": f"housing.seats: the collar stands {LIT_MM} mm or more from LEDs beside it",
+    "camera_board_fits": "housing.seats.camera: its lens is no wider than camera.body_radius_mm says",
+    "camera_board_above_plate": f"housing.seats.camera: it lies {LEAST_HEAD_MM:g} mm or more above the "
+    "camera plate's underside, so that its screws hold and end short of the light",
+    "camera_board_above_core": f"housing.seats.camera: its lens ends {LIT_MM} mm or more above the gelcore",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
@@ -71,7 +87,9 @@ SHAPED = ("core_sides", "core_radius", "core_height", "dome_radius")
 
 def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
-    values = _led_margins(design) | _body_margins(design) | _camera_margins(design)
+    values: dict[str, float] = {}
+    for part in (_seat_margins, _led_margins, _body_margins, _camera_margins):
+        values |= part(design)
     # A rule that does not apply has the margin -inf; one that cannot be told is not met.
     told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
     return {rule: margin for rule, margin in told.items() if margin > -math.inf}
@@ -381,6 +399,55 @@ def _beyond(points: Array, polygon: Array) -> float:
     """
     outward, _ = _sides(polygon)
     return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3
+
+
+def _seat_margins(design: Parts) -> dict[str, float]:
+    """Margins of a housing with seats; -inf of one without."""
+    rules = (
+        "seats_hold_core",
+        "seats_centre_core",
+        "seats_outside_view",
+        "seats_clear_of_leds",
+        "camera_board_fits",
+        "camera_board_above_plate",
+        "camera_board_above_core",
+    )
+    found = dict.fromkeys(rules, -math.inf)
+    within, housing, core, camera = inside(design), design.housing, design.gelcore, design.camera
+    if within is None or housing.seats is None:
+        return found
+    window_mm, collar = _window_mm(design), within.collar
+    stops = [tab.outline for tab in within.tabs if tab.low_mm >= window_mm - 1e-9]
+    turns = np.linspace(-math.pi, math.pi, 720, endpoint=False)
+    way = np.column_stack([np.cos(turns), np.sin(turns)])
+    rim = reach_mm(gelcore.polygon_at(core, core.height_mm), way)
+    if collar is not None:
+        found["seats_hold_core"] = LEAST_RIM_MM - (float(rim.max()) - collar.inner_mm)
+        nearest = collar.inner_mm
+    else:
+        nearest = min((float(np.hypot(*outline.T).min()) for outline in stops), default=float(rim.max()))
+        found["seats_hold_core"] = LEAST_RIM_MM - (float(rim.max()) - nearest)
+    if not rings(design.leds):
+        open_deg = widest_gap_deg(within.tabs_deg) - WIDEST_OPEN_DEG
+        found["seats_centre_core"] = math.radians(open_deg) * housing.inner_radius_mm
+    else:  # a ring around the core, between it and the tube
+        found["seats_centre_core"] = (
+            float(rim.max()) + 2 * housing.seats.gap_mm + MINIMUM_WALL_MM - housing.inner_radius_mm
+        )
+    seen, distance_mm = _sensing_area_seen(design)
+    x_c, y_c, z_c = camera.eye_mm
+    at_window = np.array([x_c, y_c]) + seen / distance_mm * max(z_c - window_mm, 0.0)
+    found["seats_outside_view"] = float(np.linalg.norm(at_window, axis=1).max()) - nearest
+    corners = np.concatenate([_Convex.box(body).corners for body in bodies(design.leds)])
+    above = corners[corners[:, 2] > window_mm]
+    if collar is not None and len(above):
+        found["seats_clear_of_leds"] = collar.outer_mm + LIT_MM - float(np.hypot(*above[:, :2].T).min())
+    board = camera_board(housing.seats.camera)
+    found["camera_board_fits"] = board.barrel_mm - 2 * camera.body_radius_mm
+    seat_mm = camera.position_mm[2] + board.pupil_mm
+    found["camera_board_above_plate"] = LEAST_HEAD_MM + housing.top_mm - seat_mm
+    found["camera_board_above_core"] = LIT_MM + _highest_mm(design) - (seat_mm - board.lens_height_mm)
+    return found
 
 
 def _too_far_down(gel: Elastomer, outline: Array) -> float:

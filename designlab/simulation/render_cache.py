@@ -161,6 +161,8 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
     if design.camera.pixel_aspect == 1.0:
         del content["camera"]["pixel_aspect"]
+    if design.housing.seats is not None:  # they stand in the light; a plain tube does not
+        content["housing"] = design.housing.model_dump(mode="json", exclude_none=True)
     if press is None:
         del content["contact"]
     for group in content["leds"]["groups"]:

@@ -107,6 +107,8 @@ def evaluate(folder: Path, design: str) -> dict[str, Any]:
     depth_mm = DEPTHS_MM[design]
     if design == DEFAULT:
         kernel = preset("default").replace({"contact": KernelContact(kernel_length_mm=0.05)})
+        # Its housing was a plain tube then.
+        kernel = kernel.replace({"housing.seats": None, "name": kernel.name})
         (folder / "default.toml").write_text(dumps(kernel), encoding="utf-8")
         design = str(folder / "default.toml")
     with little_effort():

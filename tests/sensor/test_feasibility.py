@@ -11,7 +11,12 @@ FLAT, DOME, CORE = (preset(name) for name in ("gelsight-2020-flat", "gelsight-20
 TIP = preset("pbr-fingertip-like")
 MIRROR = {"centre_mm": (0.0, 0.0, 18.0), "tilt_deg": (-45.0, 0.0), "width_mm": 12.0, "height_mm": 12.0}
 FOLDED = CORE.replace(
-    {"camera.position_mm": (0.0, -6.0, 18.0), "camera.tilt_deg": (90.0, 0.0), "camera.mirror": MIRROR}
+    {
+        "housing.seats": None,
+        "camera.position_mm": (0.0, -6.0, 18.0),
+        "camera.tilt_deg": (90.0, 0.0),
+        "camera.mirror": MIRROR,
+    }
 )
 
 BREAKING = {
@@ -38,6 +43,13 @@ BREAKING = {
     "view_through_plate": (FLAT, {"camera.position_mm": (1.103, 1.324, 60.0)}),
     "mirror_fills_view": (FOLDED, {"camera.mirror.width_mm": 2.0}),
     "mirror_above_core": (FOLDED, {"camera.mirror.height_mm": 24.0}),
+    "seats_hold_core": (CORE, {"gelcore.window_diameter_mm": 30.0}),
+    "seats_centre_core": (CORE, {"leds.groups.0.azimuth_deg": (30.0, 90.0, 150.0, 270.0)}),
+    "seats_outside_view": (CORE, {"gelcore.window_diameter_mm": 8.0}),
+    "seats_clear_of_leds": (TIP, {"housing.seats.collar_wall_mm": 2.0}),
+    "camera_board_fits": (CORE, {"camera.body_radius_mm": 3.0}),
+    "camera_board_above_plate": (CORE, {"housing.top_mm": 25.0}),
+    "camera_board_above_core": (CORE, {"camera.position_mm": (0.0, 0.0, 11.0)}),
     "minimum_wall": (FLAT, {"housing.wall_mm": 0.7}),
     "minimum_gel": (FLAT, {"elastomer.thickness_mm": 0.4}),
 }

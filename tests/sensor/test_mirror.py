@@ -27,6 +27,7 @@ def folded(design, *, side_mm=6.0, turn_deg=45.0, along="y", **mirror):
     return design.replace(
         {
             "camera.position_mm": place,
+            "housing.seats": None,  # they hold a camera that looks straight down
             "camera.tilt_deg": tilt if along == "y" else tilt[::-1],
             "camera.mirror": {
                 "centre_mm": (x, y, z - side_mm),

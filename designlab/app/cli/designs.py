@@ -439,6 +439,7 @@ def _brightness(found: "Comparison") -> list[str]:
 def export(args: Namespace) -> Result:
     """Write the files to make a design."""
     from designlab.fabrication import export as write_files
+    from designlab.report.build_guide import write as write_guide
     from designlab.simulation.effects.model import load_model
     from geometries.probes import understood
 
@@ -453,6 +454,7 @@ def export(args: Namespace) -> Result:
             boards=not args.no_boards,
             supply_v=args.supply_v,
             allow_infeasible=args.allow_infeasible,
+            describe=write_guide,
             progress=progress,
         )
     passed = sum(check["ok"] for check in manifest["checks"])

@@ -8,6 +8,7 @@ from designlab.fabrication.boards.circuit import SUPPLY_V, BoardError, Channel, 
 from designlab.fabrication.boards.layout import SEAT_MM, Board, Room
 from designlab.fabrication.boards.stock import LAND_PATTERNS
 from designlab.sensor.design import Design
+from designlab.sensor.seating import inside
 
 __all__ = ["SUPPLY_V", "Board", "BoardError", "Boards", "NoPartError", "boards"]
 
@@ -75,7 +76,7 @@ def _drawn(design: Design, supply_v: float, stand_in: str | None, turn_deg: floa
         housing.inner_radius_mm - SEAT_MM,
         housing.bottom_mm,
         housing.top_mm,
-        design.gelcore.window_diameter_mm / 2,
+        _bore_mm(design),
     )
     found = [
         layout.draw(blank, chosen, room) for blank in planes.blanks(design, chosen, spots, turn_deg=turn_deg)
@@ -84,6 +85,14 @@ def _drawn(design: Design, supply_v: float, stand_in: str | None, turn_deg: floa
     notes += [f"{board.name}: {note}" for board in found for note in board.notes]
     notes += _unlike(design, chosen)
     return Boards(tuple(chosen), tuple(found), tuple(notes), tuple(circuit.assumed(chosen)))
+
+
+def _bore_mm(design: Design) -> float:
+    """Radius that a level board leaves free: of the clear window, or of the collar that stands around it."""
+    within, seats = inside(design), design.housing.seats
+    if within is None or seats is None or within.collar is None:
+        return design.gelcore.window_diameter_mm / 2
+    return within.collar.outer_mm + seats.gap_mm
 
 
 def _width_mm(channel: Channel, turn_deg: float) -> float:

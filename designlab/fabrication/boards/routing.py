@@ -15,6 +15,7 @@ from shapely.geometry import LineString, Point, Polygon
 from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM, TRACK_MM, VIA_MM
 
 GRID_MM = 0.1
+SAG_MM = 0.005  # a step from one grid point to the next cuts across the round edge of a hole
 SLACK_MM = 0.02
 """Kept over the clearance, for what rounding to the grid and to the file takes."""
 VIA_COST = 12.0
@@ -126,7 +127,7 @@ class _Maze:
         self.count = np.zeros((4, *size), dtype=np.int32)  # tracks front, back; vias front, back
         free = outline
         for x, y, diameter in holes:
-            free = free.difference(Point(x, y).buffer(diameter / 2))
+            free = free.difference(Point(x, y).buffer(diameter / 2 + SAG_MM))
         self.room = [
             self._inside(free.buffer(-(EDGE_MM + width / 2))) for width in (TRACK_MM, VIA_MM)
         ]  # where a track, a via may lie at all

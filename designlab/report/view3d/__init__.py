@@ -59,7 +59,7 @@ def render_view(
         (job / "job.json").write_text(json.dumps({"cutaway": cutaway}), encoding="utf-8")
         if surface is not None:
             np.savez(job / "surface.npz", x=surface.x_mm, y=surface.y_mm, height=surface.height_mm)
-        reason = _drawn(job, timeout_s)
+        reason = draw_job(job, timeout_s)
         if reason:
             return ViewPicture(None, f"no picture: {reason}")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,7 +72,7 @@ def render_view(
     return ViewPicture(path, "")
 
 
-def _drawn(job: Path, timeout_s: float) -> str:
+def draw_job(job: Path, timeout_s: float) -> str:
     """Run the drawing process on a job folder; return why it failed, or an empty text."""
     command = [sys.executable, "-m", "designlab.report.view3d", str(job)]
     log = job / "log.txt"
@@ -88,7 +88,7 @@ def _drawn(job: Path, timeout_s: float) -> str:
             )
         except subprocess.TimeoutExpired:
             return f"drawing took longer than {timeout_s:g} s"
-    if done.returncode == 0 and (job / "picture.png").is_file():
+    if done.returncode == 0 and any(job.glob("*.png")):
         return ""
     lines = log.read_text(errors="replace").strip().splitlines() or ["it said nothing"]
     return f"the drawing process ended with code {done.returncode}: {lines[-1]}"

@@ -6,13 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from designlab.report.view3d.apart import MESHES, draw_apart
 from designlab.report.view3d.labels import compose, labels
 from designlab.report.view3d.space import scene
 from designlab.sensor.design import loads
 
 
 def main(job: Path) -> None:
-    """Read design and surface from the folder and write ``single_image_picture.png`` there."""
+    """Read what to draw from the folder and write PNG files there: the sensor, or its parts taken apart."""
+    if (job / MESHES).exists():
+        draw_apart(job)
+        return
     design = loads((job / "design.toml").read_text(encoding="utf-8"))
     settings = json.loads((job / "job.json").read_text(encoding="utf-8"))
     stored = np.load(job / "surface.npz") if (job / "surface.npz").exists() else None

@@ -97,7 +97,8 @@ def _opened(housing: "cadquery.Shape", design: Design) -> "cadquery.Shape":
     import cadquery
 
     reach = 3 * (design.housing.inner_radius_mm + design.housing.wall_mm)
-    low, high = design.housing.bottom_mm - 1, design.housing.top_mm + design.housing.plate_mm + 1
+    box = housing.BoundingBox()
+    low, high = box.zmin - 1, box.zmax + 1
     azimuths = np.radians(VIEW_AZIMUTH_DEG + np.array([-CUT_HALF_ANGLE_DEG, 0.0, CUT_HALF_ANGLE_DEG]))
     corners = [(0.0, 0.0), *((float(reach * np.cos(a)), float(reach * np.sin(a))) for a in azimuths)]
     wedge = cadquery.Workplane("XY", origin=(0, 0, low)).polyline(corners).close().extrude(high - low)

@@ -22,7 +22,7 @@ from designlab.simulation.scene.materials import (
     Texture,
 )
 from designlab.simulation.scene.membrane import membrane
-from designlab.simulation.scene.static_parts import board_name, boards, core_and_gel, housing_inside
+from designlab.simulation.scene.static_parts import board_name, boards, core_and_gel, housing_inside, seats
 from geometries.emission import AngularProfile
 
 __all__ = [
@@ -115,7 +115,7 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
     view : View
         The part of the camera's sensor that is rendered.
     """
-    shapes = [membrane(design, surface), *boards(design), *housing_inside(design)]
+    shapes = [membrane(design, surface), *boards(design), *housing_inside(design), *seats(design)]
     if design.optics.light_path == "core":
         shapes += core_and_gel(design)
     return _laid_out(design, shapes, view)
@@ -133,7 +133,7 @@ def without_gel(design: Design, ball: Ball, view: View) -> Scene:
     view : View
         The part of the camera's sensor that is rendered.
     """
-    shapes = [*boards(design), *housing_inside(design)]
+    shapes = [*boards(design), *housing_inside(design), *seats(design)]
     if design.optics.light_path == "core":
         shapes += [shape for shape in core_and_gel(design) if shape.name != "gel-rim"]
     return replace(_laid_out(design, shapes, view), balls=(ball,))

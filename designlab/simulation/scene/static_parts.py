@@ -10,9 +10,11 @@ from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
 from designlab.sensor.optical_constants import AIR
+from designlab.sensor.seating import inside
 from designlab.simulation.scene.materials import Dielectric, Diffuse, Medium, Shape
 from designlab.simulation.scene.meshes import band_faces, oriented, sheet
 from geometries import elastomer, gelcore
+from geometries.outline import reach_mm
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
 GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
@@ -49,12 +51,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     inner, _, air = _media(design)
     paint, black = Diffuse((core.paint_reflectance,) * groups), Diffuse((0.0,) * groups)
     outline = gelcore.polygon(core, segments=72)
-    lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
-    top = (
-        outline * (1 - lean_mm / (core.width_mm / 2))
-        if core.shape == "hexagonal"
-        else outline - lean_mm * np.sign(outline)
-    )
+    top = gelcore.polygon_at(core, core.height_mm, segments=72)
     window_z = gel.thickness_mm + core.height_mm + core.window_slope * top[:, 1]
     low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
     curve = None if not core.side_bulge_mm else _Curve.of(design, outline, low, high)
@@ -136,7 +133,7 @@ def _window(design: Design, top: Array, matter: Dielectric) -> Iterator[Shape]:
     angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
     round_ = np.column_stack([np.cos(angles), np.sin(angles)])
     level, edge = np.full(len(angles), window_mm), radius * round_
-    yield sheet("window-rim", [edge, round_ * _reach_mm(top, round_)[:, None]], [level, level], matter)
+    yield sheet("window-rim", [edge, round_ * reach_mm(top, round_)[:, None]], [level, level], matter)
     turns = np.radians(np.linspace(0.0, 90.0, CAVITY_RINGS))
     rings = [edge * np.sin(t) for t in turns]
     hollow = sheet("window", rings, [level - depth * np.cos(t) for t in turns], matter)
@@ -169,7 +166,7 @@ def _interface_faces(design: Design, outline: Array) -> Iterator[Shape]:
     corners = np.arctan2(*(outline - centre).T[::-1])
     angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
     round_ = np.column_stack([np.cos(angles), np.sin(angles)])
-    edge = centre + _reach_mm(outline - centre, round_)[:, None] * round_
+    edge = centre + reach_mm(outline - centre, round_)[:, None] * round_
     rim = centre + radius * round_
     rings = [rim + share * (edge - rim) for share in np.linspace(0.0, 1.0, 49)]
     yield sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
@@ -235,7 +232,7 @@ def housing_inside(design: Design) -> Iterator[Shape]:
     round_ = np.column_stack([np.cos(angles), np.sin(angles)])
     count = len(angles)
     tube, hole = housing.inner_radius_mm * round_, housing.camera_hole_mm / 2 * round_
-    edge = round_ * _reach_mm(inner, round_)[:, None] + CLEARANCE_MM * round_
+    edge = round_ * reach_mm(inner, round_)[:, None] + CLEARANCE_MM * round_
     low, high = (np.column_stack([tube, np.full(count, z)]) for z in (floor_mm, housing.top_mm))
     yield _tube("housing-tube", low, high, walls)
     top = np.full(count, housing.top_mm)
@@ -244,19 +241,50 @@ def housing_inside(design: Design) -> Iterator[Shape]:
     yield sheet("housing-floor", [edge, tube], [bottom, bottom], walls)
 
 
-def _tube(name: str, low: Array, high: Array, surface: Diffuse) -> Shape:
-    """Wall between two rings about the axis that shows its inside."""
+def seats(design: Design) -> Iterator[Shape]:
+    """What seats put between LEDs, core and camera: the collar with its feet, and the tabs.
+
+    They are there even when they are black, since they may stand in the light. The pockets of LED boards lie
+    behind the LEDs' fronts, where light of these never arrives.
+    """
+    within = inside(design)
+    if within is None:
+        return
+    reflectance = design.per_group("housing_reflectance")
+    # Shapes named after the housing are those that a bright one is mirrored by.
+    name, walls = "housing" if any(reflectance) else "seat", Diffuse(reflectance)
+    if (collar := within.collar) is not None:
+        turns = np.arange(144) / 144 * 2 * np.pi
+        round_ = np.column_stack([np.cos(turns), np.sin(turns)])
+        rings = []
+        for radius in (collar.inner_mm, collar.outer_mm):
+            edge = radius * round_
+            lower = collar.low_mm + collar.slope * edge[:, 1] + CLEARANCE_MM
+            rings.append(
+                (np.column_stack([edge, lower]), np.column_stack([edge, np.full(144, collar.high_mm)]))
+            )
+        (near_low, near_high), (far_low, far_high) = rings
+        yield _tube(f"{name}-collar-inside", near_low, near_high, walls)
+        yield _tube(f"{name}-collar-outside", far_low, far_high, walls, outside=True)
+        band, faces = np.concatenate([near_low, far_low]), band_faces(144, 0, 144)
+        down = np.tile([0.0, 0.0, -1.0], (len(faces), 1))
+        yield Shape(f"{name}-collar-end", band, oriented(band, faces, down), walls)
+    for number, tab in enumerate((*within.tabs, *within.feet)):
+        count = len(tab.outline)
+        low, high = (np.column_stack([tab.outline, np.full(count, z)]) for z in (tab.low_mm, tab.high_mm))
+        around = np.concatenate([low, high])
+        faces = band_faces(count, 0, count)
+        out = around[faces].mean(axis=1) - around.mean(axis=0)
+        middle = np.concatenate([low, low.mean(axis=0, keepdims=True)])
+        ends = np.arange(count)
+        fan = np.column_stack([ends, np.roll(ends, -1), np.full(count, count)])
+        yield Shape(f"{name}-tab-{number}", around, oriented(around, faces, out * (1.0, 1.0, 0.0)), walls)
+        down = np.tile([0.0, 0.0, -1.0], (count, 1))
+        yield Shape(f"{name}-tab-{number}-end", middle, oriented(middle, fan, down), walls)
+
+
+def _tube(name: str, low: Array, high: Array, surface: Diffuse, *, outside: bool = False) -> Shape:
+    """Wall between two rings about the axis that shows its inside, or its outside."""
     wall, ring = np.concatenate([low, high]), band_faces(len(low), 0, len(low))
-    inward = -wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
-    return Shape(name, wall, oriented(wall, ring, inward), surface)
-
-
-def _reach_mm(polygon: Array, directions: Array) -> Array:
-    """Distance from the axis to a convex polygon around it along unit vectors (n, 2)."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    ahead = directions @ outward.T
-    with np.errstate(divide="ignore"):
-        reach = np.where(ahead > 1e-12, (polygon * outward).sum(axis=1) / ahead, np.inf)
-    return np.asarray(reach.min(axis=1))
+    outward = wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    return Shape(name, wall, oriented(wall, ring, outward if outside else -outward), surface)

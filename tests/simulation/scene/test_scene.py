@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.sensor.design import preset
+from designlab.sensor.seating import inside
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.scene.scene import Dielectric, Diffuse, Medium, build
@@ -24,6 +25,7 @@ DOMED_CORE = DOME.replace(
         "gelcore.side_finish": "painted",
     }
 )
+WHITE = {"optics.housing_reflectance": (0.8,)}
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(2.0, 1.0))
 
 
@@ -161,7 +163,7 @@ def test_paint_reflects_what_it_is_said_to_towards_the_core():
 @pytest.mark.parametrize("design", [FLAT, CORE, DOME], ids=lambda d: d.name)
 def test_the_housing_stands_around_with_a_hole_and_a_floor(design):
     assert not any(s.name.startswith("housing") for s in scene_of(design).shapes)
-    white = design.replace({"optics.housing_reflectance": (0.8,)})
+    white = design.replace({"optics.housing_reflectance": (0.8,), "housing.seats": None})
     walls = {s.name: s for s in scene_of(white).shapes if s.name.startswith("housing")}
     assert set(walls) == {"housing-tube", "housing-plate", "housing-floor"}
     assert all(wall.material == Diffuse((0.8, 0.8, 0.8)) for wall in walls.values())
@@ -184,6 +186,36 @@ def test_the_housing_stands_around_with_a_hole_and_a_floor(design):
     assert area.sum() == pytest.approx(np.pi * housing.inner_radius_mm**2 - inner, rel=2e-3)
     boards = [s for s in scene_of(white).shapes if s.name.startswith("board")]
     assert floor.vertices[0, 2] <= min(1.0, min(b.vertices[:, 2].min() for b in boards))
+
+
+@pytest.mark.parametrize("name", ["default", "gelsight-mini-like", "pbr-fingertip-like"])
+def test_seats_stand_in_the_scene_even_when_they_are_black(name):
+    design = preset(name)
+    found = {s.name: s for s in scene_of(design).shapes if s.name.startswith("seat")}
+    within = inside(design)
+    assert all(s.material == Diffuse((0.0, 0.0, 0.0)) for s in found.values())
+    assert not [s for s in scene_of(design.replace({"housing.seats": None})).shapes if s.name in found]
+    collar = found["seat-collar-outside"]
+    direction, area = normals(collar)
+    middle = collar.vertices[collar.faces].mean(axis=1)
+    assert ((direction * middle)[:, :2].sum(axis=1) > 0).all()
+    height = within.collar.high_mm - within.collar.low_mm
+    assert area.sum() == pytest.approx(2 * np.pi * within.collar.outer_mm * height, rel=2e-3)
+    assert len(found) == 3 + 2 * (len(within.tabs) + len(within.feet))
+    white = scene_of(
+        design.replace({"gelcore.cavity_radius_mm": None, "gelcore.cavity_depth_mm": None} | WHITE)
+    )
+    names = {s.name for s in white.shapes}
+    assert {name.replace("seat", "housing") for name in found} <= names
+
+
+@pytest.mark.parametrize("stop", ["collar", "tabs"])
+def test_light_depends_on_seats_and_on_no_other_field_of_the_housing(stop):
+    seated = CORE.replace({"housing.seats": {"stop": stop}})
+    assert scene_of(seated).light_digest != scene_of(CORE.replace({"housing.seats": None})).light_digest
+    for field, value in (("fastening", "self_tapping"), ("camera", "raspberry-pi-camera-1")):
+        same = seated.replace({f"housing.seats.{field}": value})
+        assert scene_of(same).light_digest == scene_of(seated).light_digest
 
 
 def test_media_carry_index_absorption_and_haze_of_the_design():
