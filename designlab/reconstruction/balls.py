@@ -130,7 +130,8 @@ def _rim(strength: Array, centre: Array, reach_px: float) -> Array:
     angle = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     along = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
     columns, rows = centre[:, None, None] + along.T[:, None, :] * radii[:, None]
-    profile = map_coordinates(strength, [rows, columns], order=1, mode="constant")
+    # the border of the picture is no fall
+    profile = map_coordinates(strength, [rows, columns], order=1, mode="nearest")
     # smoothing and clipped channels move the maximum inwards, but hardly the steepest fall beyond it
     radius = radii[np.gradient(profile, axis=0).argmin(axis=0)]
     return np.asarray(centre + radius[:, None] * along)

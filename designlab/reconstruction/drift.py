@@ -66,7 +66,9 @@ class Untouched(NamedTuple):
         return cls(image, _blocks(image))
 
 
-def drift_between(untouched: Untouched, image: Array, *, place: bool = True) -> Drift:
+def drift_between(
+    untouched: Untouched, image: Array, *, place: bool = True, free: Mask | None = None
+) -> Drift:
     """Estimate what has changed between two pictures, one of which may show a press.
 
     A press changes the ratio of brightness differently in every place and colour. The ratio that most blocks
@@ -80,8 +82,14 @@ def drift_between(untouched: Untouched, image: Array, *, place: bool = True) -> 
         A picture of it, with a press or without.
     place : bool
         Whether to look for a shift.
+    free : bool array, shape (rows, columns), optional
+        Pixels that are compared: those that show the bare membrane.
     """
-    ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
+    if free is None:
+        ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
+    else:
+        bare = free[..., None]
+        ratio = _blocks(image * bare) / np.maximum(_blocks(untouched.image * bare), 1e-3)
     gain, alike = _most_common(ratio.reshape(-1, ratio.shape[-1]))
     inside = ratio.reshape(-1, ratio.shape[-1])[alike]
     spread = 1.4826 * np.median(np.abs(inside - gain), axis=0)

@@ -292,21 +292,24 @@ class Reconstructor:
         if values.shape != self.calibration.background.shape:
             raise ValueError(f"image: {_sizes(values, self.calibration)}")
         if video and mask is not None:
-            raise ValueError("mask: mode video takes none; use mode accurate for gels with markers")
-        moved = None
-        if self.markers is not None:
-            moved = self.markers.followed(values)
-            values = np.asarray(without(values, moved.covered), dtype=values.dtype)
-            if not video:
-                mask = ~moved.covered if mask is None else mask & ~moved.covered
-        drift = drift_between(self._untouched, values, place=not video)
-        used, warnings = self._levelled(values, drift)
-        change = self.video.change(used) if video else self.calibration.change(used, mask)
-        seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
+            raise ValueError("mask: mode video takes none, and finds printed markers itself")
         cell_px = self.video.cell_px if video else 1
+        moved, covered, free = None, None, None
+        if self.markers is not None:
+            moved = self.markers.followed(values, cell_px=cell_px)
+            covered = moved.covered
+            if video:
+                free = _of_pixels(~covered, cell_px, values.shape)
+            else:
+                values = without(values, covered)
+                mask = ~covered if mask is None else mask & ~covered
+        drift = drift_between(self._untouched, values, place=not video, free=free)
+        used, warnings = self._levelled(values, drift)
+        change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
+        seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         if video:
-            height = self.video.height_mm(change)
+            height = self.video.height_mm(change, covered)
             normal = self.video.normals(height)
         else:
             shape = self.calibration.reconstruct(used, mask=mask)
@@ -433,6 +436,11 @@ class Reconstructor:
                 "the contact reaches the border of the picture, where height is taken to be 0: it is too low"
             ]
         return []
+
+
+def _of_pixels(cells: Mask, cell_px: int, shape: tuple[int, ...]) -> Mask:
+    """A mask of cells as one of pixels."""
+    return cells.repeat(cell_px, axis=0).repeat(cell_px, axis=1)[: shape[0], : shape[1]]
 
 
 def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:

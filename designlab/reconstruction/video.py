@@ -10,7 +10,7 @@ from scipy.fft import dstn, idstn
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_array
 
-from designlab.core.types import Array, Single
+from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
@@ -72,23 +72,34 @@ class VideoMaps:
         scale = 1 / (background.mean(axis=(0, 1)) * spread)
         return background.astype(np.float32), scale.astype(np.float32)
 
-    def change(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Change of colour on cells, in units of the spread, shape (cells, cells, 3)."""
+    def change(self, image: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
+        """Change of colour on cells, in units of the spread, shape (cells, cells, 3).
+
+        Cells that markers cover take no part; it is 0 where nothing else is near.
+        """
         background, scale = self._background
         found = np.empty((*self._cells, 3), dtype=np.float32)
         _binned(image, background, scale, self.cell_px, found)
-        if self._smoothing:
-            found = gaussian_filter(
-                found, (self._smoothing, self._smoothing, 0), mode="nearest", truncate=3.0
-            )
-        return found
+        if covered is None:
+            return self._smoothed(found)
+        free = (~covered[..., None]).astype(np.float32)
+        share = np.maximum(self._smoothed(free), np.float32(_LEAST_WEIGHT))
+        return np.asarray(self._smoothed(found * free) / share)
 
-    def height_mm(self, change: NDArray[Any]) -> NDArray[Any]:
-        """Height at the pixels, from a change of colour on cells."""
+    def _smoothed(self, values: Single) -> Single:
+        if not self._smoothing:
+            return values
+        sigma = (self._smoothing, self._smoothing, 0)
+        return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
+
+    def height_mm(self, change: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
+        """Height at the pixels, from a change of colour on cells; those that are covered have no weight."""
         found = self.table(change)
         slopes = np.empty((4, *self._cells), dtype=np.float32)
         _gradients(found, slopes)
         weight = np.exp(-found[..., 4])
+        if covered is not None:
+            weight[covered] = 0
         height = self._solver.weighted(slopes[0], slopes[1], weight)
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)

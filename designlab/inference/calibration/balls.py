@@ -162,7 +162,9 @@ def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None
     untouched = [frame for frame in measurement.frames if frame.kind == "background" and frame.leds is None]
     if not untouched:
         raise MeasurementError(f"{folder}: needs a frame of kind background, with all LEDs on")
-    background, markers = _unmarked(np.asarray(measurement.image(untouched[0]), dtype=float))
+    background, markers = _unmarked(
+        np.mean([np.asarray(measurement.image(frame), dtype=float) for frame in untouched], axis=0)
+    )
     # Presses of a stated depth judge a calibration, and do not teach it.
     frames = [
         frame
@@ -199,18 +201,12 @@ def _of_pictures(folder: Path, ball_mm: float | None, mm_per_px: float | None) -
         )
     diameter = _needed(folder, "diameter of the ball", "--ball-mm", ball_mm)
     scale = _needed(folder, "size of a pixel at the gel", "--mm-per-px", mm_per_px)
-    background, markers = _unmarked(_read(untouched[0]))
+    background, markers = _unmarked(_mean_of(untouched))
     circles = _circles(folder / "balls.csv")
     names = [path for path in pictures if path not in untouched and (not circles or path.name in circles)]
     balls = []
     for path in names:
-        image = _read(path)
-        if image.shape != background.shape:
-            raise MeasurementError(
-                f"{path}: must have the size of {untouched[0].name}, {background.shape[1]} x "
-                f"{background.shape[0]} pixels, got {image.shape[1]} x {image.shape[0]}"
-            )
-        image = _plain(image, markers)
+        image = _plain(_of_size(path, _read(path), untouched[0].name, background.shape), markers)
         known = circles.get(path.name)
         balls.append(BallPress(image, *known) if known else _found(path, image, background))
     notes = (
@@ -372,6 +368,24 @@ def _circles(path: Path) -> dict[str, tuple[tuple[float, float], float]]:
                     f"contact_radius_px as numbers, got {dict(row)}"
                 ) from None
     return found
+
+
+def _mean_of(paths: Sequence[Path]) -> Array:
+    """Mean of pictures of the untouched gel: one picture's noise would be in the change of every press."""
+    total = _read(paths[0])
+    for path in paths[1:]:
+        total = total + _of_size(path, _read(path), paths[0].name, total.shape)
+    return total / len(paths)
+
+
+def _of_size(path: Path, image: Array, like: str, shape: tuple[int, ...]) -> Array:
+    """The picture, if it has the shape that one of its folder has."""
+    if image.shape != shape:
+        raise MeasurementError(
+            f"{path}: must have the size of {like}, {shape[1]} x {shape[0]} pixels, got "
+            f"{image.shape[1]} x {image.shape[0]}"
+        )
+    return image
 
 
 def _read(path: Path) -> Array:
