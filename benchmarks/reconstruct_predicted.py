@@ -17,6 +17,7 @@ import argparse
 import csv
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,9 +29,10 @@ from designlab.core.images import read_picture, write_image
 from designlab.core.metrics import normal_error_deg
 from designlab.core.store import write_json
 from designlab.evaluation.evaluate import evaluate
-from designlab.evaluation.press_plan import BALL_SHARES, TEST_PROBES, PressPlan
+from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, error_region, sub_seed
 from designlab.inference.calibration.balls import calibrate_balls, load_balls
+from designlab.inference.calibration.from_model import membrane_of
 from designlab.reconstruction import normals
 from designlab.reconstruction.calibration_file import save_calibration
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
@@ -42,7 +44,7 @@ from geometries.elastomer import base_gradient
 PRESETS = ("default", "default+dots", "gelsight-2020-dome-elastic", "difftactile-dome-like")
 SCORES = ("normal_error_median_deg", "normal_error_mean_deg", "height_mae_um", "height_rmse_um")
 WITHIN, SIGMAS = 0.1, 2.0
-BALL_MM, GRIDS = 4.0, 2
+GRIDS = 2  # of nine balls, of three sizes
 BACKGROUNDS = 8  # pictures of the untouched gel
 COLUMNS, SAMPLES = 320, 192
 DOTS = {"optics.marker_pitch_mm": 1.5, "optics.marker_diameter_mm": 0.35}
@@ -95,14 +97,7 @@ class Pictures:
     def __init__(self, design: Design, seed: int, rounds: int) -> None:
         self.design, self.seed = design, seed
         self.simulator = Simulator(design, columns=COLUMNS, samples=SAMPLES, seed=seed)
-        self.plan = PressPlan.of(design)
-        pressed = self.plan.presses(rounds=rounds, seed=seed, grids=GRIDS)
-        self.ball_mm = round(BALL_MM * self.plan.scale, 3)
-        self.balls = [
-            self.plan.press(f"sphere:{self.ball_mm:g}", BALL_SHARES[number % 2], press.centre_mm)
-            for number, press in enumerate(pressed.calibration)
-        ]
-        self.tests = pressed.test
+        self.balls, self.tests = PressPlan.of(design).presses(rounds=rounds, seed=seed, grids=GRIDS)
         self.untouched = self.simulator.frame(None)
         self.protocol = EvaluationProtocol(design, exposure(design, self.untouched), seed)
         self.bits = 8 if design.camera.bit_depth <= 8 else 16
@@ -125,17 +120,18 @@ class Pictures:
             (out / name).mkdir(parents=True, exist_ok=True)
         for number in range(BACKGROUNDS):
             self.write(self.untouched, number, out / "balls" / f"background-{number}.png")
+        lines = ["file,ball_mm"]
         for number, frame in enumerate(self.frames(self.balls, 1)):
             self.write(frame, 100 + number, out / "balls" / f"ball-{number:02d}.png")
+            lines.append(f"ball-{number:02d}.png,{self.balls[number].probe.size_mm:.6g}")
+        (out / "balls" / "balls.csv").write_text("\n".join(lines) + "\n")
         truths = []
         for number, frame in enumerate(self.frames(self.tests, 2)):
             self.write(frame, 1000 + number, out / "presses" / f"{number:02d}.png")
             base = base_gradient(self.design.elastomer, *frame.seen_mm)
             truths.append((frame.height_mm, np.array(frame.gradient), np.array(base), error_region(frame)))
-        write_json(
-            out / "set.json",
-            {"ball_mm": self.ball_mm, "mm_per_px": float(np.mean(self.untouched.rays.pitch_mm))},
-        )
+        pitch_mm = float(np.mean(self.untouched.rays.pitch_mm))
+        write_json(out / "set.json", {"mm_per_px": pitch_mm})
         np.savez_compressed(
             out / "truth.npz",
             **{
@@ -145,10 +141,15 @@ class Pictures:
         )
 
 
-def calibrated(out: Path) -> Path:
-    """`designlab calibrate --balls` on the written pictures."""
+def calibrated(design: Design, out: Path) -> Path:
+    """`designlab calibrate --balls --design` on the written pictures."""
     about = json.loads((out / "set.json").read_text())
-    balls = load_balls(out / "balls", ball_mm=about["ball_mm"], mm_per_px=about["mm_per_px"])
+    scale = about["mm_per_px"]
+    balls = load_balls(
+        out / "balls",
+        mm_per_px=scale,
+        membrane_of=partial(membrane_of, design, mm_per_px=scale),
+    )
     found = calibrate_balls(balls)
     told = "" if found.gel is None else f"gel {found.gel.thickness_mm}"
     print(
@@ -161,6 +162,13 @@ def calibrated(out: Path) -> Path:
 def errors(reconstructor: Reconstructor, image: NDArray[np.float32], truth: Truth) -> tuple[float, ...]:
     """Median and mean angle, mean absolute and mean squared error of height, on the region that counts."""
     shape = reconstructor(image)
+    # pictures of a curved gel are laid on a grid, and so is what their pixels see
+    truth = Truth(
+        reconstructor.laid_out(truth.height_mm),
+        np.moveaxis(reconstructor.laid_out(np.moveaxis(truth.slopes, 0, -1)), -1, 0),
+        np.moveaxis(reconstructor.laid_out(np.moveaxis(truth.base, 0, -1)), -1, 0),
+        reconstructor.laid_out(truth.region.astype(float)) > 0.5,
+    )
     slopes = np.array([-shape.normals[..., axis] / shape.normals[..., 2] for axis in (0, 1)])
     angle = normal_error_deg(normals(*(slopes + truth.base)), normals(*(truth.slopes + truth.base)))
     angle, height = angle[truth.region], 1000 * (shape.height_mm - truth.height_mm)[truth.region]
@@ -234,7 +242,7 @@ def main() -> None:
             said = predicted(design, args.fidelity, out)
             if not (out / "truth.npz").is_file():
                 Pictures(design, args.seed, args.rounds).make(out)
-            reconstructor = Reconstructor.load(calibrated(out), mode=mode)
+            reconstructor = Reconstructor.load(calibrated(design, out), mode=mode)
             with np.load(out / "truth.npz") as file:
                 truths = [
                     Truth(*parts) for parts in zip(*(file[name] for name in Truth._fields), strict=True)

@@ -61,7 +61,7 @@ class Markers:
     covered: Mask
 
     @classmethod
-    def found_in(cls, background: Array) -> Self | None:
+    def found_in(cls, background: NDArray[np.floating]) -> Self | None:
         """Find the markers in a picture of the untouched gel, (rows, columns, channels); None without any."""
         spots = _spots(background)
         dots = spots.dots()
@@ -101,7 +101,7 @@ class Markers:
         usual = self.covered.sum() / max(len(self.places_px), 1)
         side = cell_px if usual >= LEAST_CELLS * cell_px**2 else 1
         spots = _spots(image, side)
-        covered = _on_cells(self.covered, cell_px) | _on_cells(spots.covered(), cell_px // side)
+        covered = on_cells(self.covered, cell_px) | on_cells(spots.covered(), cell_px // side)
         if not len(spots.centres):
             return MovedMarkers(np.zeros((0, 2)), np.zeros((0, 2)), covered)
         now = (spots.centres + 0.5) * side - 0.5
@@ -113,7 +113,7 @@ class Markers:
         return MovedMarkers(self.places_px[same], now[near[same]] - self.places_px[same], covered)
 
 
-def without(image: Array, covered: Mask) -> Array:
+def without(image: NDArray[np.floating], covered: Mask) -> Array:
     """A picture whose markers are filled in from around."""
     filled, sigma = np.array(image, dtype=float), 1.0
     left = covered.copy()
@@ -208,6 +208,6 @@ def _cells_of(values: NDArray[Any], cell_px: int) -> NDArray[Any]:
     return padded.reshape(padded.shape[0] // cell_px, cell_px, padded.shape[1] // cell_px, cell_px)
 
 
-def _on_cells(covered: Mask, cell_px: int) -> Mask:
+def on_cells(covered: Mask, cell_px: int) -> Mask:
     """Cells of which any pixel is covered."""
     return covered if cell_px == 1 else np.asarray(_cells_of(covered, cell_px).any(axis=(1, 3)))

@@ -19,7 +19,7 @@ from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.lab import LabCalibration
-from designlab.reconstruction.markers import Markers, MovedMarkers, without
+from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
 
 if TYPE_CHECKING:
     from designlab.reconstruction.video import VideoMaps
@@ -205,6 +205,13 @@ class Reconstructor:
         plain = self.kept.about.get("markers")
         return None if plain is None else Markers.from_plain(plain, self.calibration.background.shape)
 
+    @cached_property
+    def _unseen(self) -> Mask | None:
+        """Cells of mode ``video`` that no picture shows; None where pictures are taken as they are."""
+        if self.kept.membrane is None:
+            return None
+        return on_cells(~self.kept.membrane.seen, self.video.cell_px)
+
     @property
     def calibration(self) -> LabCalibration:
         """The maps, on the untouched gel that is in use."""
@@ -228,9 +235,7 @@ class Reconstructor:
         ValueError
             If it has another size than the calibration, or lacks its markers.
         """
-        given = np.asarray(background, dtype=float)
-        if given.shape != self.calibration.background.shape:
-            raise ValueError(f"background: {_sizes(given, self.calibration)}")
+        given = np.asarray(self._taken(background, "background"), dtype=float)
         about = self.kept.about
         if self.markers is not None:
             found = Markers.found_in(given)
@@ -243,13 +248,27 @@ class Reconstructor:
             vars(made)["video"] = self.video.on(calibration)
         return made
 
+    def laid_out(self, image: ArrayLike) -> NDArray[Any]:
+        """A picture as heights are laid out: on the grid of the membrane, where the calibration has one."""
+        image = np.asarray(image)
+        return image if self.kept.membrane is None else self.kept.membrane.laid_out(image)
+
+    def _taken(self, image: ArrayLike, name: str) -> NDArray[Any]:
+        """A picture of the right size, laid out."""
+        image, membrane = np.asarray(image), self.kept.membrane
+        size = self.calibration.background.shape if membrane is None else membrane.picture_px
+        channels = self.calibration.background.shape[-1]
+        if image.shape != (*size[:2], channels):
+            raise ValueError(f"{name}: {_sizes(image, (size[0], size[1], channels))}")
+        return self.laid_out(image)
+
     def drift_of(self, image: ArrayLike) -> Drift:
         """Brightness and place of a picture against the untouched gel in use, beside a press."""
-        return drift_between(self._untouched, np.asarray(image, dtype=float))
+        return drift_between(self._untouched, np.asarray(self.laid_out(image), dtype=float))
 
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
-        before, now = self.calibration.background, np.asarray(background, dtype=float)
+        before, now = self.calibration.background, np.asarray(self.laid_out(background), dtype=float)
         found = []
         ratio = now.mean(axis=(0, 1)) / before.mean(axis=(0, 1))
         if np.abs(ratio - 1).max() > DRIFTED:
@@ -277,7 +296,7 @@ class Reconstructor:
         image : array, shape (rows, columns, channels)
             Values as the calibration's pictures have them, 0 to 1.
         mask : bool array, shape (rows, columns), optional
-            Pixels that show the bare membrane; markers left out. Mode ``video`` takes none.
+            Pixels, as `laid_out`, that show the bare membrane; markers left out. Mode ``video`` takes none.
         pressure : bool
             Whether to find pressure and contact (about a second; in mode ``video`` some 20 ms); without,
             contact is where the gel is pressed in by more than half of the depth.
@@ -288,21 +307,22 @@ class Reconstructor:
             If the picture has another size than the calibration, or shows another sensor.
         """
         video = self.mode == "video"
-        values: NDArray[Any] = np.asarray(image, dtype=np.float32 if video else float)
-        if values.shape != self.calibration.background.shape:
-            raise ValueError(f"image: {_sizes(values, self.calibration)}")
+        values: NDArray[Any] = np.asarray(self._taken(image, "image"), dtype=np.float32 if video else float)
         if video and mask is not None:
             raise ValueError("mask: mode video takes none, and finds printed markers itself")
         cell_px = self.video.cell_px if video else 1
-        moved, covered, free = None, None, None
+        moved, free = None, None
+        covered = self._unseen if video else None
+        if not video and self.kept.membrane is not None:
+            mask = self.kept.membrane.seen if mask is None else mask & self.kept.membrane.seen
         if self.markers is not None:
             moved = self.markers.followed(values, cell_px=cell_px)
-            covered = moved.covered
             if video:
-                free = _of_pixels(~covered, cell_px, values.shape)
+                free = _of_pixels(~moved.covered, cell_px, values.shape)
+                covered = moved.covered if covered is None else covered | moved.covered
             else:
-                values = without(values, covered)
-                mask = ~covered if mask is None else mask & ~covered
+                values = without(values, moved.covered)
+                mask = ~moved.covered if mask is None else mask & ~moved.covered
         drift = drift_between(self._untouched, values, place=not video, free=free)
         used, warnings = self._levelled(values, drift)
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
@@ -471,8 +491,8 @@ def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:
     return np.asarray(pressure > least)
 
 
-def _sizes(given: Array, calibration: LabCalibration) -> str:
-    rows, columns, channels = calibration.background.shape
+def _sizes(given: Array, shape: tuple[int, int, int]) -> str:
+    rows, columns, channels = shape
     got: Any = given.shape
     if given.ndim == 3:
         got = f"{given.shape[1]} x {given.shape[0]} pixels of {given.shape[2]} channels"

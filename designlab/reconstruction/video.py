@@ -10,11 +10,14 @@ from scipy.fft import dstn, idstn
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_array
 
+from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
+from designlab.reconstruction.pictures import level_of
 
+LEAST_CELL_PX = 2  # finer cells take more time than a video leaves
 _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
 _COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
@@ -42,7 +45,7 @@ class VideoMaps:
 
     def __init__(self, calibration: LabCalibration, taught: Array) -> None:
         self.calibration = calibration
-        self.cell_px = max(1, int(calibration.setup.smoothing_px))
+        self.cell_px = max(LEAST_CELL_PX, int(calibration.setup.smoothing_px))
         self.table = ColourTable.of(partial(_outputs, calibration), taught)
         self._detail = calibration.detail_px / self.cell_px if calibration.rim is not None else 0.0
         rows, columns = calibration.background.shape[:2]
@@ -69,8 +72,10 @@ class VideoMaps:
     def _background(self) -> tuple[Single, Single]:
         """The untouched gel, and what a change of it is divided by."""
         background, spread = self.calibration.background, self.calibration.spread
-        scale = 1 / (background.mean(axis=(0, 1)) * spread)
-        return background.astype(np.float32), scale.astype(np.float32)
+        level = np.broadcast_to(background.mean(axis=(0, 1)), (*self._cells, len(spread)))
+        if self.calibration.setup.relative_to == "place":
+            level = resize_area(level_of(background), *self._cells)
+        return background.astype(np.float32), (1 / (level * spread)).astype(np.float32)
 
     def change(self, image: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
         """Change of colour on cells, in units of the spread, shape (cells, cells, 3).
@@ -203,9 +208,9 @@ def _binned(image: Single, background: Single, scale: Single, cell_px: int, foun
                     b += image[i, j, 1] - background[i, j, 1]
                     c += image[i, j, 2] - background[i, j, 2]
                     count += 1
-            found[row, column, 0] = a * scale[0] / count
-            found[row, column, 1] = b * scale[1] / count
-            found[row, column, 2] = c * scale[2] / count
+            found[row, column, 0] = a * scale[row, column, 0] / count
+            found[row, column, 1] = b * scale[row, column, 1] / count
+            found[row, column, 2] = c * scale[row, column, 2] / count
 
 
 @njit(cache=True, nogil=True, fastmath=True)
