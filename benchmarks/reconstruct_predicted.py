@@ -32,7 +32,7 @@ from designlab.evaluation.evaluate import evaluate
 from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, error_region, sub_seed
 from designlab.inference.calibration.balls import calibrate_balls, load_balls
-from designlab.inference.calibration.from_model import membrane_of
+from designlab.inference.calibration.from_model import gel_of, membrane_of
 from designlab.reconstruction import normals
 from designlab.reconstruction.calibration_file import save_calibration
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
@@ -150,8 +150,10 @@ def calibrated(design: Design, out: Path) -> Path:
         mm_per_px=scale,
         membrane_of=partial(membrane_of, design, mm_per_px=scale),
     )
-    found = calibrate_balls(balls)
-    told = "" if found.gel is None else f"gel {found.gel.thickness_mm}"
+    thickness_mm, poisson = gel_of(design)
+    found = calibrate_balls(balls, thickness_mm=thickness_mm, poisson=poisson)
+    setup = found.kept.calibration.setup
+    told = f"smoothing {setup.smoothing_px:.2f} px, change relative to {setup.relative_to}"
     print(
         f"{out.name}: {'; '.join(balls.notes)}; balls left out {found.mean.contact_deg:.2f} deg; {told}",
         flush=True,

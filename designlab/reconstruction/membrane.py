@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from designlab.core.types import Array, Mask
 
 _ROUNDS = 30  # of Newton's method; three do on smooth lenses
-_NEAR = 0.05  # grid steps, from which a point is found
+_NEAR = 0.005  # grid steps, from which a point is found
 
 
 class Membrane(NamedTuple):
@@ -167,7 +167,7 @@ def _pixels_of(
             map_coordinates(each, at, order=1, mode="nearest") for each in (*maps, *slopes)
         )
         off_x, off_y = grid_x - x, grid_y - y
-        if max(np.abs(off_x).max(), np.abs(off_y).max()) < _NEAR * step / 10:
+        if max(np.abs(off_x).max(), np.abs(off_y).max()) < _NEAR * step / 2:
             break
         determinant = xc * yr - xr * yc
         determinant = np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)

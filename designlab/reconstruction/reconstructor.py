@@ -44,6 +44,8 @@ EFFORT: dict[Mode, _Effort] = {
 }
 ASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
 LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
+BLUR = 2.0  # standard deviations of the smoothing, within which a point is blurred
+ABOVE_REST = 3.0  # root mean squares of what pressure does not explain, by which a contact presses in
 FULL = 0.995  # of full scale from which a pixel is clipped
 MOST_CLIPPED = 0.05  # share of the pixels that change
 MOST_STRANGE = 0.1  # likewise, of colours that the balls did not show
@@ -345,7 +347,8 @@ class Reconstructor:
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
-            contact = _contact(found.pressure, height.shape, EFFORT[self.mode].touched)
+            smoothing_px = max(self.calibration.setup.smoothing_px, cell_px / 2)
+            contact = _contact(found, height.shape, EFFORT[self.mode].touched, smoothing_px)
         shift = None if moved is None else self._shift(moved, height, found)
         if moved is not None and self.markers is not None:
             warnings += _lost(moved, self.markers)
@@ -474,14 +477,28 @@ def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
     ]
 
 
-def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:
-    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture."""
-    parts, _ = label(pressure > LEAST_TOUCHED * pressure.max())
-    peaks = [pressure[parts == part].max() for part in range(1, parts.max() + 1)]
-    least = touched * np.array([0.0, *peaks], dtype=pressure.dtype)[parts]
-    least[parts == 0] = np.inf
-    for axis, count in enumerate(shape):
-        at = (np.arange(count) + 0.5) * pressure.shape[axis] / count - 0.5
+def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smoothing_px: float) -> Mask:
+    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture.
+
+    What is no larger than a point of the blurred picture, or presses the surface in no deeper than what
+    pressure does not explain of it anyway, is no contact.
+    """
+    pressure = found.pressure
+    near = np.ones((3, 3))
+    parts, count = label(pressure > LEAST_TOUCHED * pressure.max(), near)
+    peaks = np.array([0.0, *(pressure[parts == part].max() for part in range(1, count + 1))])
+    least = np.where(parts > 0, touched * peaks.astype(pressure.dtype)[parts], np.inf)
+    islands, count = label(pressure > least, near)
+    areas = np.bincount(islands.ravel(), minlength=count + 1)[1:]
+    largest_point = np.pi * max(BLUR * smoothing_px * pressure.shape[1] / shape[1], 1.0) ** 2
+    for island in range(1, count + 1):
+        own, area = islands == island, areas[island - 1]
+        if area == areas.max() or (area > largest_point and found.lift_mm(own) > ABOVE_REST * found.rest_mm):
+            continue
+        # nor is what is beside it larger by it
+        pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
+    for axis, length in enumerate(shape):
+        at = (np.arange(length) + 0.5) * pressure.shape[axis] / length - 0.5
         at = np.clip(at, 0, pressure.shape[axis] - 1)
         low = np.minimum(at.astype(int), pressure.shape[axis] - 2)
         share = np.expand_dims((at - low).astype(pressure.dtype), 1 - axis)

@@ -194,7 +194,11 @@ def _add_designs(add: Any) -> None:
     _option(balls, "--ball-mm D", "diameter of the ball (mm)", type=float, default=None)
     _option(balls, "--mm-per-px S", "size of a pixel at the gel (mm)", type=float, default=None)
     _option(
-        balls, "--thickness-mm T", "thickness of the gel (mm); fitted when absent", type=float, default=None
+        balls,
+        "--thickness-mm T",
+        "thickness of the gel (mm); that of --design, or fitted, when absent",
+        type=float,
+        default=None,
     )
     _option(
         balls,

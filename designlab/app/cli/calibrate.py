@@ -107,15 +107,23 @@ def _on_balls(args: Namespace) -> Result:
     """Teach a map from pictures to shape on ball presses, and write it as one file."""
     from designlab.core.store import atomic_folder, write_json
     from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from designlab.inference.calibration.from_model import gel_of
     from designlab.reconstruction.calibration_file import save_calibration
     from designlab.report.ball_calibration import ball_calibration_report
 
+    design = _design(args)
     balls = load_balls(
-        args.balls, ball_mm=args.ball_mm, mm_per_px=args.mm_per_px, membrane_of=_membrane_of(args)
+        args.balls,
+        ball_mm=args.ball_mm,
+        mm_per_px=args.mm_per_px,
+        membrane_of=None if design is None else _membrane_of(args, design),
     )
+    thickness_mm, poisson = (None, None) if design is None else gel_of(design)
+    if args.thickness_mm is not None:
+        thickness_mm = args.thickness_mm
     require_writable(args.out, made_with=RESULT)
     with bar(form=IN_PERCENT, keep=True) as progress:
-        found = calibrate_balls(balls, thickness_mm=args.thickness_mm, progress=progress)
+        found = calibrate_balls(balls, thickness_mm=thickness_mm, poisson=poisson, progress=progress)
     out, verdict, mean = Path(args.out), found.verdict(), found.mean
     data = {
         "fit_verdict": verdict.word,
@@ -157,16 +165,21 @@ def _laid(args: Namespace, balls: "BallSet") -> list[str]:
     ]
 
 
-def _membrane_of(args: Namespace) -> "Callable[[tuple[int, ...]], Membrane] | None":
-    """How pictures show the membrane, by the design that is named; None without one."""
-    from designlab.inference.calibration.from_model import membrane_of
+def _design(args: Namespace) -> "Design | None":
+    """The design whose gel and camera are taken as known; None without one."""
     from designlab.simulation.effects.model import load_model
 
-    if args.design is None:
-        if args.crop_px is not None:
-            raise ValueError("--crop-px: is for --design MODEL; give that, or leave it out")
-        return None
-    design = load_model(args.design).effective_design()
+    if args.design is not None:
+        return load_model(args.design).effective_design()
+    if args.crop_px is not None:
+        raise ValueError("--crop-px: is for --design MODEL; give that, or leave it out")
+    return None
+
+
+def _membrane_of(args: Namespace, design: "Design") -> "Callable[[tuple[int, ...]], Membrane]":
+    """How pictures show the membrane, by the design that is named."""
+    from designlab.inference.calibration.from_model import membrane_of
+
     crop_px = None if args.crop_px is None else tuple(args.crop_px)
 
     def found(shape: tuple[int, ...]) -> "Membrane":

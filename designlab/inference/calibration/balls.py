@@ -36,6 +36,7 @@ COARSE = Kernel(ridge=3e-3, colour_scale=1.5, features=300)  # moves centres onc
 FEWEST, ENOUGH = 4, 8  # balls
 NORMAL_DEG = (5.0, 10.0)  # error on balls left out: doubtful, failed
 ROUNDS_RIMS_PX = 1.5  # smoothing from which a map of its own for the rims of contacts is worth while
+MOST_SEEN = 0.85  # of the ball's radius, that a circle which was found is taken to have
 SPREAD_PX = 1.3  # contact radii around a ball whose colours it taught
 TAUGHT = 4000  # samples of colour that are kept
 STRANGE_QUANTILE, STRANGE_MARGIN = 0.995, 1.25
@@ -188,6 +189,10 @@ class _Stage:
         if circle is None:
             self.looked_for += 1
             found = _found(path, image, self.background)
+            if self.mm_per_px is not None:
+                # the circle one sees is larger than the contact, whose size is fitted
+                most = MOST_SEEN * diameter_mm / 2 / self.mm_per_px
+                found = replace(found, contact_radius_px=min(found.contact_radius_px, most))
         elif self.membrane is None:
             found = BallPress(image, *circle)
         else:
@@ -239,7 +244,7 @@ def _of_measurement(
         for frame in frames
     ]
     pictures = [np.asarray(measurement.image(frame), dtype=float) for frame in untouched]
-    stage = _Stage(np.asarray(np.mean(pictures, axis=0)), membrane_of)
+    stage = _Stage(np.asarray(np.mean(pictures, axis=0)), stated_scale, membrane_of)
     balls = []
     for frame, size in zip(frames, sizes, strict=True):
         circle = None
@@ -252,7 +257,7 @@ def _of_measurement(
         *_marked(stage.markers),
     )
     files = tuple(frame.file for frame in frames)
-    return _checked(folder, _set(files, balls, stage, stated_scale, notes))
+    return _checked(folder, _set(files, balls, stage, notes))
 
 
 def _of_pictures(
@@ -279,7 +284,7 @@ def _of_pictures(
     if membrane_of is None:
         _needed(folder, "size of a pixel at the gel", "--mm-per-px", mm_per_px)
     background = _mean_of(untouched)
-    stage, balls = _Stage(background, membrane_of), []
+    stage, balls = _Stage(background, mm_per_px, membrane_of), []
     for path, size in zip(names, sizes, strict=False):
         image = _of_size(path, _read(path), untouched[0].name, background.shape)
         balls.append(stage.press(path, image, stated.get(path.name, nothing).circle, size))
@@ -289,18 +294,17 @@ def _of_pictures(
         *([f"the background is the mean of {len(untouched)} pictures"] if len(untouched) > 1 else []),
         *_marked(stage.markers),
     )
-    return _checked(folder, _set(tuple(path.name for path in names), balls, stage, mm_per_px, notes))
+    return _checked(folder, _set(tuple(path.name for path in names), balls, stage, notes))
 
 
 def _set(
     files: tuple[str, ...],
     balls: list[BallPress],
     stage: _Stage,
-    mm_per_px: float | None,
     notes: tuple[str, ...],
 ) -> BallSet:
     """All of a folder, at the scale that was stated, or at that of the membrane."""
-    scale = mm_per_px if stage.membrane is None else stage.membrane.mm_per_px
+    scale = stage.mm_per_px
     assert scale is not None  # was asked for
     radius_mm = float(np.median([ball.radius_mm for ball in balls])) if balls else 0.0
     return BallSet(files, balls, stage.background, radius_mm, scale, notes, stage.markers, stage.membrane)

@@ -205,6 +205,14 @@ def membrane_of(
     return found[name]
 
 
+def gel_of(design: Design) -> tuple[float, float | None]:
+    """Thickness (mm) and Poisson's ratio of a design's gel; no ratio where its contact knows none."""
+    thickness_mm = design.elastomer.thickness_mm
+    if not isinstance(design.contact, LayerContact):
+        return thickness_mm, None
+    return thickness_mm, design.contact.layer(thickness_mm=thickness_mm).poisson
+
+
 def teach_on_model(
     model: SensorModel,
     background: Array,
