@@ -1,8 +1,9 @@
 """What has changed since the untouched gel, beside a press: brightness, white balance, place."""
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, zoom
 
 from designlab.core.types import Array, Mask
@@ -88,8 +89,9 @@ def drift_between(
     if free is None:
         ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
     else:
-        bare = free[..., None]
-        ratio = _blocks(image * bare) / np.maximum(_blocks(untouched.image * bare), 1e-3)
+        bare = _parted(free[..., None])
+        now, before = ((_parted(each) * bare).mean(axis=(1, 3)) for each in (image, untouched.image))
+        ratio = np.asarray(now / np.maximum(before, 1e-3))
     gain, alike = _most_common(ratio.reshape(-1, ratio.shape[-1]))
     inside = ratio.reshape(-1, ratio.shape[-1])[alike]
     spread = 1.4826 * np.median(np.abs(inside - gain), axis=0)
@@ -133,12 +135,15 @@ def shift_px(before: Array, now: Array, untouched: Mask | None = None) -> tuple[
 
 def _blocks(image: Array) -> Array:
     """Means over blocks, shape (blocks, blocks, channels), without what is left at the right and below."""
+    return np.asarray(_parted(image).mean(axis=(1, 3)))
+
+
+def _parted(image: NDArray[Any]) -> NDArray[Any]:
+    """Every second pixel, which is enough, by blocks: shape (blocks, pixels, blocks, pixels, channels)."""
     rows, columns = (max(side // BLOCK_PX, 1) for side in image.shape[:2])
     down, across = image.shape[0] // rows, image.shape[1] // columns
     part = image[: rows * down, : columns * across]
-    # every second pixel is enough
-    parted = part.reshape(rows, down, columns, across, -1)[:, ::2, :, ::2]
-    return np.asarray(parted.mean(axis=(1, 3)))
+    return part.reshape(rows, down, columns, across, -1)[:, ::2, :, ::2]
 
 
 def _most_common(ratio: Array) -> tuple[Array, Mask]:

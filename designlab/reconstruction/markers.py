@@ -162,7 +162,8 @@ def _spots(image: NDArray[np.floating], cell_px: int = 1) -> _Spots:
     """Spots that are darker than the gel around, found on cells of some pixels."""
     rows, columns, channels = image.shape
     flat = image.reshape(-1, channels)
-    level = (flat @ (1 / (channels * np.maximum(flat.mean(axis=0), 1e-12)))).reshape(rows, columns)
+    mean = np.maximum(flat[:: cell_px**2].mean(axis=0), 1e-12)
+    level = (flat @ (1 / (channels * mean))).reshape(rows, columns)
     if cell_px == 1:
         level = gaussian_filter(level, LEVEL_PX, mode="nearest")
     else:

@@ -13,7 +13,13 @@ from scipy.spatial import cKDTree
 
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
-from designlab.mechanics.surface_pressure import ITERATIONS, ForceRange, SurfacePressure, pressure_under
+from designlab.mechanics.surface_pressure import (
+    ITERATIONS,
+    PRESSED_IN,
+    ForceRange,
+    SurfacePressure,
+    pressure_under,
+)
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
@@ -331,7 +337,7 @@ class Reconstructor:
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         if video:
-            height = self.video.height_mm(change, covered)
+            height = self.video.height_mm(change)
             normal = self.video.normals(height)
         else:
             shape = self.calibration.reconstruct(used, mask=mask)
@@ -480,23 +486,20 @@ def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
 def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smoothing_px: float) -> Mask:
     """Where the pressure of each contact is a share of its own highest, on the pixels of the picture.
 
-    What is no larger than a point of the blurred picture, or presses the surface in no deeper than what
-    pressure does not explain of it anyway, is no contact.
+    No contact is what goes less deep than a contact does somewhere, presses the surface in no deeper than
+    what pressure does not explain of it anyway, or is no larger than a point of the blurred picture.
     """
-    pressure = found.pressure
-    near = np.ones((3, 3))
+    pressure, near = found.pressure, np.ones((3, 3))
     parts, count = label(pressure > LEAST_TOUCHED * pressure.max(), near)
     peaks = np.array([0.0, *(pressure[parts == part].max() for part in range(1, count + 1))])
     least = np.where(parts > 0, touched * peaks.astype(pressure.dtype)[parts], np.inf)
     islands, count = label(pressure > least, near)
-    areas = np.bincount(islands.ravel(), minlength=count + 1)[1:]
-    largest_point = np.pi * max(BLUR * smoothing_px * pressure.shape[1] / shape[1], 1.0) ** 2
+    deep = PRESSED_IN * found.height_mm.max()
     for island in range(1, count + 1):
-        own, area = islands == island, areas[island - 1]
-        if area == areas.max() or (area > largest_point and found.lift_mm(own) > ABOVE_REST * found.rest_mm):
-            continue
-        # nor is what is beside it larger by it
-        pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
+        own = islands == island
+        if found.height_mm[own].max() < deep or found.lift_mm(own) < ABOVE_REST * found.rest_mm:
+            # nor is what is beside it larger by it
+            pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
     for axis, length in enumerate(shape):
         at = (np.arange(length) + 0.5) * pressure.shape[axis] / length - 0.5
         at = np.clip(at, 0, pressure.shape[axis] - 1)
@@ -505,7 +508,11 @@ def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smo
         pressure = (1 - share) * pressure.take(low, axis) + share * pressure.take(low + 1, axis)
         # a contact may end half a point beyond its last
         least = np.minimum(least.take(low, axis), least.take(low + 1, axis))
-    return np.asarray(pressure > least)
+    islands, count = label(pressure > least, near)
+    areas = np.bincount(islands.ravel(), minlength=count + 1)
+    areas[0] = 0
+    large = areas > min(np.pi * (BLUR * smoothing_px) ** 2, 0.99 * areas.max())
+    return np.asarray(large[islands])
 
 
 def _sizes(given: Array, shape: tuple[int, int, int]) -> str:

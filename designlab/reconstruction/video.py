@@ -80,16 +80,12 @@ class VideoMaps:
     def change(self, image: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
         """Change of colour on cells, in units of the spread, shape (cells, cells, 3).
 
-        Cells that markers cover take no part; it is 0 where nothing else is near.
+        Cells that markers cover are filled in from around.
         """
         background, scale = self._background
         found = np.empty((*self._cells, 3), dtype=np.float32)
         _binned(image, background, scale, self.cell_px, found)
-        if covered is None:
-            return self._smoothed(found)
-        free = (~covered[..., None]).astype(np.float32)
-        share = np.maximum(self._smoothed(free), np.float32(_LEAST_WEIGHT))
-        return np.asarray(self._smoothed(found * free) / share)
+        return self._smoothed(found if covered is None else _filled(found, ~covered))
 
     def _smoothed(self, values: Single) -> Single:
         if not self._smoothing:
@@ -97,14 +93,12 @@ class VideoMaps:
         sigma = (self._smoothing, self._smoothing, 0)
         return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
 
-    def height_mm(self, change: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
-        """Height at the pixels, from a change of colour on cells; those that are covered have no weight."""
+    def height_mm(self, change: NDArray[Any]) -> NDArray[Any]:
+        """Height at the pixels, from a change of colour on cells."""
         found = self.table(change)
         slopes = np.empty((4, *self._cells), dtype=np.float32)
         _gradients(found, slopes)
         weight = np.exp(-found[..., 4])
-        if covered is not None:
-            weight[covered] = 0
         height = self._solver.weighted(slopes[0], slopes[1], weight)
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
@@ -116,6 +110,24 @@ class VideoMaps:
         found = np.empty((*height_mm.shape, 3), dtype=np.float32)
         _normals(height_mm, np.float32(1 / self.calibration.setup.mm_per_px), found)
         return found
+
+
+def _filled(values: Single, free: Mask) -> Single:
+    """Values whose cells that are not free are filled in from coarser and coarser means of the others."""
+    if free.all():
+        return values
+    if not free.any():
+        return np.zeros_like(values)
+    rows, columns = free.shape
+    even = (-rows % 2, -columns % 2)
+    known = np.pad(free, ((0, even[0]), (0, even[1]))).astype(np.float32)[..., None]
+    kept = np.pad(np.where(free[..., None], values, 0), ((0, even[0]), (0, even[1]), (0, 0)))
+    count, total = (
+        each[::2, ::2] + each[1::2, ::2] + each[::2, 1::2] + each[1::2, 1::2] for each in (known, kept)
+    )
+    coarse = _filled(total / np.maximum(count, 1), count[..., 0] > 0)
+    finer = coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
+    return np.asarray(np.where(free[..., None], values, finer))
 
 
 def _outputs(calibration: LabCalibration, colour: Array, place: Array) -> Array:

@@ -172,8 +172,14 @@ def load_balls(
 class _Stage:
     """Makes ball presses of pictures: lays them on the membrane, leaves markers out, finds circles."""
 
-    def __init__(self, background: Array, membrane_of: Callable[[tuple[int, ...]], Membrane] | None) -> None:
+    def __init__(
+        self,
+        background: Array,
+        mm_per_px: float | None,
+        membrane_of: Callable[[tuple[int, ...]], Membrane] | None,
+    ) -> None:
         self.membrane = None if membrane_of is None else membrane_of(background.shape)
+        self.mm_per_px = mm_per_px if self.membrane is None else self.membrane.mm_per_px
         self.looked_for = 0
         self.background, self.markers = _unmarked(self._laid_out(background))
 
