@@ -162,8 +162,8 @@ def _spots(image: NDArray[np.floating], cell_px: int = 1) -> _Spots:
     """Spots that are darker than the gel around, found on cells of some pixels."""
     rows, columns, channels = image.shape
     flat = image.reshape(-1, channels)
-    mean = np.maximum(flat[:: cell_px**2].mean(axis=0), 1e-12)
-    level = (flat @ (1 / (channels * mean))).reshape(rows, columns)
+    usual = np.maximum(flat[:: cell_px**2].mean(axis=0), 1e-12)
+    level = (flat @ (1 / (channels * usual))).reshape(rows, columns)
     if cell_px == 1:
         level = gaussian_filter(level, LEVEL_PX, mode="nearest")
     else:

@@ -91,8 +91,9 @@ class Membrane(NamedTuple):
             )
 
         seen = found & (at(gel.astype(float)) > 0.999)
-        parts = map(at, (height_mm, *slopes, *sight))
-        return cls(columns, rows, seen, *parts, mm_per_px=step, picture_px=x_mm.shape)
+        (p, q), (sight_x, sight_y) = ((at(x), at(y)) for x, y in (slopes, sight))
+        rows_px, columns_px = x_mm.shape
+        return cls(columns, rows, seen, at(height_mm), p, q, sight_x, sight_y, step, (rows_px, columns_px))
 
     def laid_out(self, image: NDArray[Any]) -> NDArray[Any]:
         """A picture, or values at its pixels, on the grid, by linear interpolation.

@@ -125,7 +125,7 @@ def _filled(values: Single, free: Mask) -> Single:
     count, total = (
         each[::2, ::2] + each[1::2, ::2] + each[::2, 1::2] + each[1::2, 1::2] for each in (known, kept)
     )
-    coarse = _filled(total / np.maximum(count, 1), count[..., 0] > 0)
+    coarse = _filled(np.asarray(total / np.maximum(count, 1), np.float32), count[..., 0] > 0)
     finer = coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
     return np.asarray(np.where(free[..., None], values, finer))
 
