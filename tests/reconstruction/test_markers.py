@@ -89,7 +89,7 @@ def test_markers_on_cells_are_those_of_the_pixels(spacing, radius):
     fine, coarse = markers.followed(press), markers.followed(press, cell_px=2)
     assert coarse.covered.shape == (ROWS // 2, COLUMNS // 2)
     assert coarse.places_px == pytest.approx(fine.places_px)
-    assert np.abs(coarse.moved_px - fine.moved_px).max() < 0.1
+    assert np.abs(coarse.moved_px - fine.moved_px).max() < 0.2
     of_pixels = coarse.covered.repeat(2, axis=0).repeat(2, axis=1)
     dark = (press < 0.7 * light()).all(axis=-1)
     assert of_pixels[dark].all()
@@ -101,4 +101,4 @@ def test_small_dots_are_looked_for_on_pixels():
     markers = Markers.found_in(dotted(before, 2.0))
     moved = markers.followed(dotted(before + np.array([1.5, 0.0]), 2.0), cell_px=2)
     assert len(moved.places_px) > 0.9 * len(before)
-    assert moved.moved_px == pytest.approx(np.tile([1.5, 0.0], (len(moved.places_px), 1)), abs=0.15)
+    assert moved.moved_px == pytest.approx(np.tile([1.5, 0.0], (len(moved.places_px), 1)), abs=0.3)
