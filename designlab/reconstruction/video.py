@@ -17,7 +17,7 @@ from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
 from designlab.reconstruction.pictures import level_of
 
-LEAST_CELL_PX = 2  # finer cells take more time than a video leaves
+MOST_CELLS = 100_000  # of one pixel; more take more time than a video leaves
 _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
 _COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
@@ -45,7 +45,9 @@ class VideoMaps:
 
     def __init__(self, calibration: LabCalibration, taught: Array) -> None:
         self.calibration = calibration
-        self.cell_px = max(LEAST_CELL_PX, int(calibration.setup.smoothing_px))
+        pixels = calibration.background.shape[0] * calibration.background.shape[1]
+        least = 1 if pixels <= MOST_CELLS else 2
+        self.cell_px = max(least, int(calibration.setup.smoothing_px))
         self.table = ColourTable.of(partial(_outputs, calibration), taught)
         self._detail = calibration.detail_px / self.cell_px if calibration.rim is not None else 0.0
         rows, columns = calibration.background.shape[:2]
