@@ -193,7 +193,7 @@ def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
         return list(pool.map(work, range(count)))
 
 
-def _height_mm(found: GradientEstimate, frame: Frame, *, bent: bool) -> Array:
+def _height_mm(found: GradientEstimate, frame: Frame, *, bent: bool = False) -> Array:
     """Height above the undeformed membrane, from the border of the picture inwards.
 
     Where the membrane or the lens is bent, pixels see points that are not as far from each other everywhere.
