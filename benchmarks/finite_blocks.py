@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from finite_elements import graded
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
+from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementHex1, ElementHex2, ElementVector, MeshHex
@@ -27,6 +27,7 @@ MOST_CHANGES = 60  # of the contact, until its nodes stay the same
 SETTLED = 15  # changes, after which a node that left the probe stays away
 TOUCH = 1e-9  # mm, within which a node touches
 FOLLOWED = 4  # steps from where a point is to where it was
+BETWEEN = 5  # points for one node, of the top as it is looked at
 AT_ONCE = 64  # loads that are solved for together
 
 
@@ -208,8 +209,14 @@ class LoadedBlock:
 
     def at(self, dragged: Dragged, places_mm: Array) -> Array:
         """Displacement (mm), (places, 3), of points of the top, (places, 2), from the middle of the block."""
+        # sharp edges press between the nodes, where smoother curves overshoot
         field = np.moveaxis(dragged.moved_mm, 0, 2)
-        return RegularGridInterpolator((self.x_mm, self.y_mm), field, method="pchip")(places_mm)
+        axes = []
+        for axis, nodes in enumerate((self.x_mm, self.y_mm)):
+            between = np.arange(BETWEEN * (len(nodes) - 1) + 1) / BETWEEN
+            axes.append(np.interp(between, np.arange(len(nodes)), nodes))
+            field = PchipInterpolator(nodes, field, axis=axis)(axes[-1])
+        return RegularGridInterpolator(axes, field)(places_mm)
 
     def seen(self, dragged: Dragged, places_mm: Array) -> Array:
         """How far the top is pressed in (mm) at places, (places, 2), where its points have moved to."""

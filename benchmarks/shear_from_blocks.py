@@ -3,8 +3,8 @@
     python benchmarks/shear_from_blocks.py            all presses; some minutes on a quiet core
     python benchmarks/shear_from_blocks.py --blocks 2
 
-Balls, discs, squares and stars are pressed into blocks with free sides (`finite_blocks.py`), which the inverse
-takes for a layer without an end, and dragged sideways while the gel sticks to them or slides. The inverse sees
+Balls, discs, squares and stars are pressed into blocks with free sides (`finite_blocks.py`), which the
+inverse takes for a layer without an end, and dragged sideways while the gel sticks to them or slides. It sees
 what `reconstruct` does: heights with noise of 7 um that is smooth over 0.3 mm and an offset within 10 um, on
 points as coarse as there, and markers with noise of 5 um, of which a tenth is lost, in every second press all
 that are touched. Poisson's ratio is 0.49 or 0.4999, the inverse takes 0.495. The modulus is known to 10 %.
@@ -58,7 +58,7 @@ PROBES = (
 
 
 class Press(NamedTuple):
-    """A press: what it is, heights (mm, rows downwards), markers and how they moved (mm), shear (N), contact."""
+    """A press: its name, heights (mm, rows downwards), markers and how they moved (mm), shear and force (N)."""
 
     name: str
     thickness_mm: float
@@ -168,6 +168,11 @@ def presses(blocks: int, seed: int) -> Iterator[Press]:
             )
 
 
+def _error(found: Array, true: Array) -> float:
+    """Length of the error over that of what is true."""
+    return float(np.hypot(*(found - true)) / np.hypot(*true))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -181,17 +186,17 @@ def main() -> None:
     for press in presses(args.blocks, args.seed):
         shear = found_in(press, random)
         modulus = float(np.exp(MODULUS_SD * random.normal()))
-        found, error = (np.array(part) for part in (shear.force_n(modulus), shear.error_n(modulus)))
+        found = np.array(shear.force_n(modulus))
+        error = np.array(shear.error_n(modulus, MODULUS_SD * modulus))
         off = found - press.shear_n
         errors.append(
             float(np.hypot(*(np.array(shear.force_n(1.0)) - press.shear_n)) / np.hypot(*press.shear_n))
         )
         scores.append(off / error)
         held.append(np.abs(off) < NORMAL_95 * error)
-        true = ", ".join(f"{part:+.3f}" for part in press.shear_n)
-        told = ", ".join(f"{part:+.3f}" for part in found)
+        true, told, sds = (", ".join(f"{part:+.3f}" for part in each) for each in (press.shear_n, found, error))
         print(
-            f"| {press.name} | {press.force_n:.2f}; {true}; {told} ± {error[0]:.3f}, {error[1]:.3f} "
+            f"| {press.name} | {press.force_n:.2f}; {true}; {told} ± {sds} "
             f"| {errors[-1]:.0%} | {held[-1][0]}, {held[-1][1]} |",
             flush=True,
         )

@@ -26,7 +26,7 @@ def test_a_top_that_is_moved_as_a_whole_is_sheared_simply(poisson, direction):
 
 @pytest.mark.slow
 def test_small_disc_on_a_thick_block_is_that_of_a_half_space():
-    """A disc of 1 mm on 6 mm of gel, by Mindlin (1949) and exact contact; the base stiffens it by some 10 %."""
+    """A disc of 1 mm on 6 mm of gel, by Mindlin (1949) and exact contact; the base adds some 10 %."""
     block = Block(6.0, 24.0, 24.0, 0.4999)
     loaded = LoadedBlock(block, centre_mm=(0.0, 0.0), reach_mm=1.2, fine_mm=0.4)
     gap = gap_of("disc", 1.0, loaded.places_mm, 0.0)
