@@ -194,7 +194,9 @@ def main() -> None:
         )
         scores.append(off / error)
         held.append(np.abs(off) < NORMAL_95 * error)
-        true, told, sds = (", ".join(f"{part:+.3f}" for part in each) for each in (press.shear_n, found, error))
+        true, told, sds = (
+            ", ".join(f"{part:+.3f}" for part in each) for each in (press.shear_n, found, error)
+        )
         print(
             f"| {press.name} | {press.force_n:.2f}; {true}; {told} ± {sds} "
             f"| {errors[-1]:.0%} | {held[-1][0]}, {held[-1][1]} |",

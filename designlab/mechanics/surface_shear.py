@@ -19,7 +19,7 @@ CLOSE = 1e-3  # of the traction that sticks, relative
 ITERATIONS = 200
 # What the layer itself is off by, against finite elements of blocks (docs/validation.md): a share of the
 # shear, as the gel ends somewhere, and a share of the pressing force, which moves markers as well.
-MODEL_SD, PRESSED_SD = 0.08, 0.01
+MODEL_SD, PRESSED_SD = 0.05, 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,12 @@ class SurfaceShear:
     force: tuple[float, float]
     error: tuple[float, float]
     rest_mm: float
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error over the size of the force; inf where there is none."""
+        size = math.hypot(*self.force)
+        return max(self.error) / size if size else math.inf
 
     def force_n(self, modulus_mpa: float) -> tuple[float, float]:
         """Shear force (N) to the right and up, on a layer of a modulus in MPa."""

@@ -63,6 +63,10 @@ DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed fo
 OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
 LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
 MOST_GAIN = 2.0  # change of brightness that is still corrected
+ROUGH, CLEAR = (
+    0.12,
+    0.5,
+)  # standard error over the shear, above which it is rough, and below which there is any
 LOST_MARKERS = 0.3  # share of the markers, that a press may hide
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
 
@@ -358,6 +362,8 @@ class Reconstructor:
         shift = None if moved is None else self._shift(moved, height, found)
         if moved is not None and self.markers is not None:
             warnings += _lost(moved, self.markers)
+        if shift is not None and shift.shear is not None:
+            warnings += _rough(shift.shear)
         return PressShape(
             height,
             normal,
@@ -480,6 +486,16 @@ def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
     return [
         f"{lost:.0%} of the markers were not found again, and the shear follows from the others: have they "
         "moved by more than half of their distance, or is the picture blurred?"
+    ]
+
+
+def _rough(shear: SurfaceShear) -> list[str]:
+    """Say that there is shear, and how much is not known well."""
+    if not ROUGH < shear.relative_error < CLEAR:
+        return []
+    return [
+        f"the shear is known to {shear.relative_error:.0%} only (standard error): it is small beside the "
+        "pressing force, or few markers near the contact were found again"
     ]
 
 
