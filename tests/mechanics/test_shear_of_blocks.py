@@ -10,6 +10,11 @@ from designlab.validation.synthetic.elastic_contact import ElasticBase, press_fl
 pytestmark = pytest.mark.physics
 
 
+@pytest.fixture(scope="module")
+def small_block():
+    return LoadedBlock(Block(1.5, 13.0, 11.0, 0.49), centre_mm=(0.5, 0.0), reach_mm=1.5, fine_mm=0.375)
+
+
 @pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999])
 @pytest.mark.parametrize("direction", [0, 1])
 def test_a_top_that_is_moved_as_a_whole_is_sheared_simply(poisson, direction):
@@ -47,12 +52,11 @@ def test_small_disc_on_a_thick_block_is_that_of_a_half_space():
         ("ball", 2.0, 0.4, (0.0, -0.2), 0.5),
     ],
 )
-def test_shear_by_finite_elements_is_found(probe, size_mm, depth_mm, shear_mm, friction):
+def test_shear_by_finite_elements_is_found(small_block, probe, size_mm, depth_mm, shear_mm, friction):
     random = np.random.default_rng(2)
-    loaded = LoadedBlock(Block(1.5, 13.0, 11.0, 0.49), centre_mm=(0.5, 0.0), reach_mm=1.5, fine_mm=0.375)
-    press = pressed(loaded, probe, size_mm, depth_mm, shear_mm, friction, random, covered=False)
+    press = pressed(small_block, probe, size_mm, depth_mm, shear_mm, friction, random, covered=False)
     off = np.array(found_in(press, random).force_n(1.0)) - press.shear_n
-    assert np.hypot(*off) < 0.2 * np.hypot(*press.shear_n)
+    assert np.hypot(*off) < 0.15 * np.hypot(*press.shear_n)
 
 
 @pytest.mark.faults
