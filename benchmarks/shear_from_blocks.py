@@ -197,7 +197,7 @@ def main() -> None:
         shares.append(np.hypot(*press.shear_n) / press.force_n)
         held.append(np.abs(off) < NORMAL_95 * error)
         true, told, sds = (
-            ", ".join(f"{part:+.3f}" for part in each) for each in (press.shear_n, found, error)
+            ", ".join(f"{part:.3f}" for part in each) for each in (press.shear_n, found, error)
         )
         print(
             f"| {press.name} | {press.force_n:.2f}; {true}; {told} ± {sds} "
