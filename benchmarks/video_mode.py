@@ -6,6 +6,7 @@
   two balls at once among them, whose surface is known exactly.
 - With `--measured`, real balls: each is left out of the calibration by which it is reconstructed; normals
   and height in the contact, of which the mean is free, since the depth of a ball is not known.
+- The same presses with printed dots, which cover a twelfth of the picture and move with the skin.
 - Contact: share of the true contact and of that found which both have in common.
 - Times of a picture of 640 x 480, from the picture to height, normals, contact and force: median wall clock,
   and processor time. What else runs on the machine lengthens the first.
@@ -16,6 +17,7 @@ import argparse
 import resource
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +34,7 @@ from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.gel_fit import ball_slopes
 from designlab.reconstruction.lab import calibrations_without_each, refine_centres
+from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
 
 Array = NDArray[np.float64]
@@ -40,6 +43,7 @@ CORES = 2
 SHAPE, MM_PER_PX = (480, 640), 0.03
 RADIUS_MM, THICKNESS_MM, POISSON = 3.0, 2.5, 0.49
 FULL, GRAIN = 1.4, 0.01
+DOTS_PX, DOT_RADIUS_PX, DOTS_MOVE_PX = 40, 6.5, 3.0
 PLACES = [(column, row) for column in (110, 320, 530) for row in (100, 240, 380)]
 PRESSES = [
     [((250, 200), 42)],
@@ -62,9 +66,10 @@ class Errors(NamedTuple):
 
 
 class Made:
-    """Pictures of presses by Lambert's law for three lights."""
+    """Pictures of presses by Lambert's law for three lights, with printed dots or without."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, dots: bool = False) -> None:
+        self.dots = dots
         self.rows, self.columns = np.indices(SHAPE)
         azimuth, slant = np.radians([90.0, 210.0, 330.0]), np.radians(50)
         across, down = self.columns / SHAPE[1], self.rows / SHAPE[0]
@@ -89,6 +94,11 @@ class Made:
     def picture(self, p: Array, q: Array, grain: float = GRAIN) -> Array:
         """What the camera sees."""
         light = self.level * np.maximum(normals(p, q) @ self.toward, 0)
+        if self.dots:
+            # the skin moves against the slope, as that of a gel which is pushed aside does
+            across, down = self.columns + DOTS_MOVE_PX * p, self.rows - DOTS_MOVE_PX * q
+            r = np.hypot(*((at + DOTS_PX / 2) % DOTS_PX - DOTS_PX / 2 for at in (across, down)))
+            light *= (1 - 0.9 * np.clip(DOT_RADIUS_PX + 0.5 - r, 0, 1))[..., None]
         light += grain * self.random.normal(size=light.shape)
         return np.asarray(np.round(255 * np.clip(light / FULL, 0, 1)) / 255)
 
@@ -103,7 +113,14 @@ class Made:
             )
         ]
         names = tuple(map(str, PLACES))
-        given = BallSet(names, balls, background, RADIUS_MM, MM_PER_PX)
+        markers = Markers.found_in(background) if self.dots else None
+        if markers is not None:
+            background = without(background, markers.covered)
+            balls = [
+                replace(ball, image=without(ball.image, markers.followed(ball.image).covered))
+                for ball in balls
+            ]
+        given = BallSet(names, balls, background, RADIUS_MM, MM_PER_PX, markers=markers)
         return calibrate_balls(given, thickness_mm=THICKNESS_MM, poisson=POISSON).kept
 
     def judged(self, reconstructor: Reconstructor) -> Iterator[Errors]:
@@ -181,16 +198,16 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1000, help="frames over which memory is watched")
     args = parser.parse_args()
     with threadpool_limits(CORES):
-        made = Made()
-        kept = made.kept()
-        both = {mode: Reconstructor(kept, mode) for mode in MODES}
-        row("made, 640 x 480", {mode: list(made.judged(each)) for mode, each in both.items()})
+        for name, made in (("made, 640 x 480", Made()), ("... with dots", Made(dots=True))):
+            kept = made.kept()
+            both = {mode: Reconstructor(kept, mode) for mode in MODES}
+            row(name, {mode: list(made.judged(each)) for mode, each in both.items()})
+            image = made.picture(*made.slopes(PRESSES[0])).astype(np.float32)
+            for mode, frames in (("accurate", 3), ("video", 50)):
+                wall, used = timed(both[mode], image, frames)
+                print(f"{name:28} {mode:9} {wall:6.0f} ms, {used:.0f} ms of processor", flush=True)
         if args.measured:
             row("real balls left out", real(args.measured))
-        image = made.picture(*made.slopes(PRESSES[0])).astype(np.float32)
-        for mode, frames in (("accurate", 3), ("video", 50)):
-            wall, used = timed(both[mode], image, frames)
-            print(f"{'640 x 480, a picture':28} {mode:9} {wall:6.0f} ms, {used:.0f} ms of processor")
         held = []
         for number in range(args.frames):
             both["video"](image)

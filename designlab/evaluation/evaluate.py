@@ -324,7 +324,7 @@ def calibration_of(
     balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(pressed.calibration))))
     protocol = EvaluationProtocol(
         simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
-    )
+    ).with_markers(untouched, again)
     with threadpool_limits(limits=1, user_api="blas"):
         return protocol.calibrate(untouched, again, balls)
 
@@ -462,7 +462,7 @@ def _scored(
     design, (untouched, again) = simulator.design, frames.untouched
     protocol = EvaluationProtocol(
         design, exposure(design, untouched, again), simulator.seed, model=simulator.model
-    )
+    ).with_markers(untouched, again)
     of_gel = beside.submit(_scores_of_gel, simulator, protocol, frames)
     if calibration is None:
         own = protocol.calibrate(untouched, again, frames.balls)

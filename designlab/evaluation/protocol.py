@@ -3,17 +3,18 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
 from designlab.reconstruction.kernel import GradientEstimate
+from designlab.reconstruction.markers import Markers, without
 from designlab.sensor.design import Design
 from designlab.simulation import imaging
 from designlab.simulation.effects.model import SensorModel
@@ -66,13 +67,26 @@ class Reconstruction:
 class EvaluationProtocol:
     """Camera and reconstruction around rendered frames.
 
-    `model` has the effects that act on the camera's signal.
+    `model` has the effects that act on the camera's signal, `markers` the printed dots that `with_markers`
+    found, which are left out as `reconstruct` leaves them out.
     """
 
     design: Design
     exposure: float
     seed: int
     model: SensorModel | None = None
+    markers: Markers | None = None
+
+    @property
+    def bent(self) -> bool:
+        """Whether the membrane or the lens is bent, so that pixels differ in size."""
+        return self.design.elastomer.shape != "flat" or not self.design.camera.is_plain
+
+    def with_markers(self, untouched: Frame, again: Frame) -> Self:
+        """Find the printed markers of the untouched gel, if the design has any."""
+        if not self.design.optics.marker_pitch_mm:
+            return self
+        return replace(self, markers=Markers.found_in(self._mean(untouched, again)))
 
     def capture(self, *, seed: int | None = None, binned: float = 1.0) -> Capture:
         """How the camera takes a picture; without a seed, without noise."""
@@ -86,14 +100,26 @@ class EvaluationProtocol:
     def background(self, untouched: Frame, again: Frame) -> NDArray[np.floating]:
         """Picture of the untouched gel that presses are compared with."""
         # A lab averages many frames of it; smoothing stands for that.
-        mean = (self.picture(untouched, 0) + self.picture(again, 1)) / 2
+        mean = self._mean(untouched, again)
+        if self.markers is not None:
+            mean = without(mean, self.markers.covered)
         return np.asarray(gaussian_filter(mean, sigma=(SMOOTHING_PX, SMOOTHING_PX, 0)))
+
+    def _mean(self, untouched: Frame, again: Frame) -> NDArray[np.floating]:
+        return np.asarray((self.picture(untouched, 0) + self.picture(again, 1)) / 2)
+
+    def bare(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Mask | None]:
+        """A picture whose printed markers are filled in from around, and where it shows the bare membrane."""
+        if self.markers is None:
+            return image, None
+        covered = self.markers.followed(image).covered
+        return without(image, covered).astype(np.float32), ~covered
 
     def calibrate(self, untouched: Frame, again: Frame, balls: Sequence[Frame]) -> KernelCalibration:
         """Calibrate on the balls."""
         background = self.background(untouched, again)
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = each_of(lambda k: self.picture(balls[k], 10 + k), len(balls))
+        images = each_of(lambda k: self.bare(self.picture(balls[k], 10 + k))[0], len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))
         return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y)
 
@@ -140,7 +166,8 @@ class EvaluationProtocol:
     def _one(
         self, calibration: KernelCalibration, frame: Frame, image: NDArray[np.float32]
     ) -> Reconstruction:
-        found = calibration.estimate(image)
+        image, mask = self.bare(image)
+        found = calibration.estimate(image, mask=mask)
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
         estimated = normals(found.p + base_p, found.q + base_q)
@@ -151,7 +178,7 @@ class EvaluationProtocol:
             image=image,
             normals=estimated,
             true_normals=truth,
-            height_mm=_height_mm(found, frame),
+            height_mm=_height_mm(found, frame, bent=self.bent),
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )
@@ -166,13 +193,19 @@ def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
         return list(pool.map(work, range(count)))
 
 
-def _height_mm(found: GradientEstimate, frame: Frame) -> Array:
+def _height_mm(found: GradientEstimate, frame: Frame, *, bent: bool = False) -> Array:
     """Height above the undeformed membrane, from the border of the picture inwards.
+
+    Where the membrane or the lens is bent, pixels see points that are not as far from each other everywhere.
 
     Slopes leave an offset open. Kernel contact has its border at 0; where a bulge reaches it, the border is
     as high as it truly is on average.
     """
-    height_mm = found.height_mm(pitch_mm=frame.rays.pitch_mm)
+    if bent:
+        at_rest = replace(frame.surface, height_mm=np.zeros_like(frame.surface.height_mm))
+        height_mm = found.height_seen_mm(*frame.rays.hit(at_rest))
+    else:
+        height_mm = found.height_mm(pitch_mm=frame.rays.pitch_mm)
     if not frame.surface.bulges:
         return height_mm
     true = frame.height_mm

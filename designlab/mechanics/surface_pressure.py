@@ -76,6 +76,14 @@ class SurfacePressure:
         """Area of the contact."""
         return float(self.contact.sum() * self.pitch_mm**2)
 
+    def lift_mm(self, part: Mask) -> float:
+        """How far the pressure of a part of the points presses the surface in where it does most (mm)."""
+        rows, columns = self.pressure.shape
+        shape = _padded(rows, columns)
+        spectrum = fft.rfft2(np.where(part, self.pressure, 0), s=shape)
+        response = _response(self.layer, self.pitch_mm, *shape).astype(self.pressure.dtype)
+        return float(fft.irfft2(spectrum * response, s=shape)[:rows, :columns].max())
+
     @cached_property
     def sticking(self) -> float:
         """Force of a probe that carries the skin along, over that of one which slides.
@@ -184,6 +192,11 @@ def pressure_under(
     return found
 
 
+def _padded(rows: int, columns: int) -> tuple[int, int]:
+    """Points of a transform in which a surface does not meet itself at the border."""
+    return fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
+
+
 @lru_cache(maxsize=4)
 def _response(layer: ElasticLayer, pitch_mm: float, rows: int, columns: int) -> Array:
     """Response of a layer, which the frames of a video share."""
@@ -198,8 +211,7 @@ class _Solver:
     ) -> None:
         self.height, self.layer, self.pitch, self.noise = height_mm, layer, pitch_mm, noise_mm
         self.iterations = iterations
-        rows, columns = height_mm.shape
-        self.shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
+        self.shape = _padded(*height_mm.shape)
         self.response = _response(layer, pitch_mm, *self.shape).astype(height_mm.dtype)
         self.ridge = (noise_mm / USUAL_SHARE) ** 2
         self.step = 1.0 / (float(np.abs(self.response).max()) ** 2 + self.ridge)

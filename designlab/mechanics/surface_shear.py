@@ -17,6 +17,9 @@ NOISE_MM = 0.005  # least error of a marker's place
 LARGEST_MM = 0.5  # standard deviation of what a contact is moved by, before anything is known
 CLOSE = 1e-3  # of the traction that sticks, relative
 ITERATIONS = 200
+# What the layer itself is off by, against finite elements of blocks (docs/validation.md): a share of the
+# shear, as the gel ends somewhere, and a share of the pressing force, which moves markers as well.
+MODEL_SD, PRESSED_SD = 0.05, 0.008
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,7 @@ class SurfaceShear:
     force : (float, float)
         Force to the right and up over Young's modulus (mm2).
     error : (float, float)
-        Their standard errors, by what is left of the markers' displacements.
+        Their standard errors, by what is left of the markers' displacements and what the layer is off by.
     rest_mm : float
         Root mean square of what is left.
     """
@@ -37,13 +40,23 @@ class SurfaceShear:
     error: tuple[float, float]
     rest_mm: float
 
+    @property
+    def relative_error(self) -> float:
+        """Standard error over the size of the force; inf where there is none."""
+        size = math.hypot(*self.force)
+        return max(self.error) / size if size else math.inf
+
     def force_n(self, modulus_mpa: float) -> tuple[float, float]:
         """Shear force (N) to the right and up, on a layer of a modulus in MPa."""
         return self.force[0] * modulus_mpa, self.force[1] * modulus_mpa
 
-    def error_n(self, modulus_mpa: float) -> tuple[float, float]:
-        """Standard errors (N) of the force, without that of the modulus."""
-        return self.error[0] * modulus_mpa, self.error[1] * modulus_mpa
+    def error_n(self, modulus_mpa: float, modulus_sd_mpa: float = 0.0) -> tuple[float, float]:
+        """Standard errors (N) of the force, on a layer of a modulus and its standard deviation in MPa."""
+        x, y = (
+            math.hypot(error * modulus_mpa, force * modulus_sd_mpa)
+            for force, error in zip(self.force, self.error, strict=True)
+        )
+        return x, y
 
 
 def shear_under(places_mm: Array, moved_mm: Array, pressure: SurfacePressure) -> SurfaceShear:
@@ -73,10 +86,12 @@ def shear_under(places_mm: Array, moved_mm: Array, pressure: SurfacePressure) ->
     field = _Field(pressure)
     ways = field.ways()
     rows, columns = pressure.pressure.shape
+    # pressure and contact are those of the surface as it now lies, so markers are taken where they are now
+    now = places_mm + moved_mm
     at = np.stack(
         [
-            (rows - 1) / 2 - places_mm[:, 1] / pressure.pitch_mm,
-            (columns - 1) / 2 + places_mm[:, 0] / pressure.pitch_mm,
+            (rows - 1) / 2 - now[:, 1] / pressure.pitch_mm,
+            (columns - 1) / 2 + now[:, 0] / pressure.pitch_mm,
         ]
     )
 
@@ -96,7 +111,9 @@ def shear_under(places_mm: Array, moved_mm: Array, pressure: SurfacePressure) ->
         rest = target - effects @ amplitude
         noise = max(NOISE_MM, float(np.sqrt((rest**2).sum() / max(len(rest) - len(ways), 1))))
     force = forces @ amplitude
-    error = np.sqrt(np.diag(forces @ np.linalg.solve(information, forces.T)))
+    pressed = float(pressure.pressure.sum()) * pressure.pitch_mm**2
+    layer_sd = math.hypot(MODEL_SD * float(np.hypot(*force)), PRESSED_SD * pressed)
+    error = np.sqrt(np.diag(forces @ np.linalg.solve(information, forces.T)) + layer_sd**2)
     return SurfaceShear(
         (float(force[0]), -float(force[1])),
         (float(error[0]), float(error[1])),

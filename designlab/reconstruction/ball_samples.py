@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,15 +11,21 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_surface import BallSurface
-from designlab.reconstruction.balls import BallPress, ball_gradients, smoothed
+from designlab.reconstruction.balls import BallPress, slopes_on_ball, smoothed
 from designlab.reconstruction.gel_fit import GelFit, ball_slopes, fit_gel
 from designlab.reconstruction.height import Boundary, normals
+from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Samples
-from designlab.reconstruction.pictures import thinned
+from designlab.reconstruction.pictures import colour_change, level_of, thinned
 
 _FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
+NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
+SMOOTHING_PX = 0.7, 2.0  # least, against grain between pixels, and most
+CURVATURE_DIGITS = 3  # of 1/mm, so that balls on a dome share what is computed of their surfaces
+USUAL_THICKNESS = 1.5  # radii of the ball
+LIFTED_ROUNDS = 3
 _STEEPEST = 0.9  # contact radius over the ball's: no camera sees gel of 64 deg
 
 
@@ -29,7 +35,7 @@ class Setup(NamedTuple):
     Attributes
     ----------
     ball_radius_mm, mm_per_px : float
-        Ball and scale of the pictures at the membrane.
+        Ball, of those that state no radius of their own, and scale of the pictures at the membrane.
     detail : float
         Height finer than this share of the balls' mean contact radius (the standard deviation of a Gaussian)
         is taken from a second map, which is taught almost the whole contact circle; 0 does without. See
@@ -49,6 +55,9 @@ class Setup(NamedTuple):
     weighted : bool
         Weigh each pixel in the integration by the inverse of its expected error, which is learned from balls
         left out of the calibration.
+    relative_to : str
+        What changes of colour are shares of: the ``mean`` of the untouched gel, or the untouched gel at the
+        same ``place``, which is noisier in dark corners and takes off what uneven light does to all slopes.
     """
 
     ball_radius_mm: float
@@ -61,6 +70,15 @@ class Setup(NamedTuple):
     thickness_mm: float | None = None
     label_bias: float | None = None
     poisson: float = 0.49
+    relative_to: Literal["mean", "place"] = "mean"
+
+    def radius_mm(self, ball: BallPress) -> float:
+        """Radius of a ball."""
+        return self.ball_radius_mm if ball.radius_mm is None else ball.radius_mm
+
+    def radius_px(self, ball: BallPress) -> float:
+        """Radius of a ball in pixels."""
+        return self.radius_mm(ball) / self.mm_per_px
 
     def contact_radius_px(self, ball: BallPress) -> float:
         """Radius within which the gel touches the ball: of the circle read off, less its bias."""
@@ -68,13 +86,13 @@ class Setup(NamedTuple):
 
 
 def ball_samples(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, base: tuple[Array, Array] | None
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane | None
 ) -> tuple[Array, Array, list[list[Samples]]]:
     """Samples of each ball, for each map that `lab.LabCalibration` needs.
 
     Parameters
     ----------
-    balls, background, setup, base
+    balls, background, setup, membrane
         See `lab.calibrate`.
 
     Returns
@@ -92,19 +110,18 @@ def ball_samples(
     ValueError
         If there are fewer than two balls, shapes differ, or nothing changes colour.
     """
-    background, spread, changes = _changes(balls, background, setup)
-    assert setup.thickness_mm is not None
-    surface = BallSurface(setup.ball_radius_mm, setup.thickness_mm, setup.poisson)
-    base_p, base_q = base or (np.zeros(background.shape[:2]), np.zeros(background.shape[:2]))
+    background, spread, changes = _changes(balls, background, setup, membrane)
     position = positions(background.shape)
 
     def samples(ball: BallPress, change: Array, rim: bool) -> Samples:
-        p, q, r_px = ball_truth(ball, setup)
+        p, q, r_px = ball_truth(ball, setup, membrane)
         u = (r_px / ball.contact_radius_px).ravel()
-        p, q = p - base_p, q - base_q
+        if membrane is not None:
+            p, q = p - membrane.p, q - membrane.q
+            u[~membrane.seen.ravel()] = np.nan
         if not rim:
             touched = r_px < setup.contact_radius_px(ball)
-            around = gel_slopes(ball, surface, setup)
+            around = gel_slopes(ball, setup, membrane)
             p, q = (np.where(touched, own, gel) for own, gel in zip((p, q), around, strict=True))
             if setup.smoothing_px:  # colours are smoothed, and follow the slopes so
                 p, q = (gaussian_filter(slope, setup.smoothing_px) for slope in (p, q))
@@ -131,7 +148,7 @@ def ball_samples(
         )
 
     parts = [
-        [samples(ball, change, rim) for change, ball in zip(changes, balls, strict=True)]
+        [samples(ball, change, rim) for ball, change in zip(balls, changes, strict=True)]
         for rim in ((False, True) if setup.detail > 0 else (False,))
     ]
     return background, spread, parts
@@ -153,7 +170,7 @@ def shape_samples(
     presses : list of Samples
         Samples of each press.
     """
-    changes = [relative_change(image, background, setup.smoothing_px, None) for image in images]
+    changes = [relative_change(image, background, setup) for image in images]
     inside = np.concatenate([change[region] for change, region in zip(changes, regions, strict=True)])
     spread = np.sqrt((inside**2).mean(axis=0))
     if not (spread > 0).all():
@@ -196,12 +213,14 @@ class KnownGel(NamedTuple):
     fit: GelFit | None
 
 
-def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -> KnownGel:
+def known_gel(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane | None = None
+) -> KnownGel:
     """Fit what is not stated of thickness and bias to the balls, see `gel_fit.fit_gel`.
 
     Parameters
     ----------
-    balls, background, setup
+    balls, background, setup, membrane
         See `lab.calibrate`; centres are best refined before.
 
     Raises
@@ -212,11 +231,12 @@ def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -
     _check(setup)
     if setup.thickness_mm is not None and setup.label_bias is not None:
         return KnownGel(list(balls), setup, None)
-    _, spread, changes = _changes(balls, background, setup)
+    _, spread, changes = _changes(balls, background, setup, membrane)
     fit = fit_gel(
         balls,
         [change / spread for change in changes],
-        ball_radius_mm=setup.ball_radius_mm,
+        [_about_contact(ball, setup, membrane)[:2] for ball in balls],
+        ball_radii_mm=[relative_radius_mm(ball, setup, membrane) for ball in balls],
         mm_per_px=setup.mm_per_px,
         smoothing_px=setup.smoothing_px,
         reach=setup.flat_beyond,
@@ -234,7 +254,7 @@ def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -
 
 
 def _changes(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane | None
 ) -> tuple[Array, Array, list[Array]]:
     """Checked background, spread of colour over the circles, and change of colour of each ball."""
     background = np.asarray(background, dtype=float)
@@ -249,14 +269,14 @@ def _changes(
             raise ValueError(
                 f"balls[{number}].image: must be finite of shape {background.shape}, got {image.shape}"
             )
-        changes.append(relative_change(image, background, setup.smoothing_px, None))
-        most = _STEEPEST * setup.ball_radius_mm / setup.mm_per_px
+        changes.append(relative_change(image, background, setup))
+        most = _STEEPEST * setup.radius_px(ball)
         if not 0 < setup.contact_radius_px(ball) < most:
             raise ValueError(
                 f"balls[{number}].contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's "
                 f"radius, {most * (1 + (setup.label_bias or 0.0)):.4g} px, got {ball.contact_radius_px:g}"
             )
-        circle = ball_truth(ball, setup)[2] < ball.contact_radius_px
+        circle = ball_truth(ball, setup, membrane)[2] < ball.contact_radius_px
         if not circle.any():
             raise ValueError(f"balls[{number}].centre_px: the contact lies outside the picture")
         inside.append(changes[-1][circle])
@@ -278,28 +298,101 @@ def _check(setup: Setup) -> None:
         raise ValueError(f"poisson: must lie above 0 and be at most 0.5, got {setup.poisson:g}")
 
 
-def gel_slopes(ball: BallPress, surface: BallSurface, setup: Setup) -> tuple[Array, Array]:
-    """Slopes p, q of the gel at the pixels of a ball's picture, inside its contact and around it."""
+def touched_px(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> tuple[float, float]:
+    """Column and row at the middle of a ball's contact: its axis, on a plane membrane."""
+    if membrane is None:
+        return ball.centre_px
+    return membrane.touched_from(ball.centre_px, setup.radius_px(ball))
+
+
+def relative_radius_mm(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> float:
+    """Radius of a ball on a plane that is pressed as the membrane is: their curvatures add up."""
+    if membrane is None:
+        return setup.radius_mm(ball)
+    bent = membrane.curvature_at(touched_px(ball, setup, membrane))
+    return 1 / (1 / setup.radius_mm(ball) + round(bent, CURVATURE_DIGITS))
+
+
+def ball_surface(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> BallSurface:
+    """Surface of the gel under a ball; of one of usual thickness where that is not known yet."""
+    radius_mm = relative_radius_mm(ball, setup, membrane)
+    return BallSurface(radius_mm, setup.thickness_mm or USUAL_THICKNESS * radius_mm, setup.poisson)
+
+
+def gel_slopes(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> tuple[Array, Array]:
+    """Slopes p, q of the indentation at the pixels of a ball's picture, inside its contact and around it."""
+    x_px, y_px, slope = _about_contact(ball, setup, membrane)
+    surface, pitch_mm = ball_surface(ball, setup, membrane), setup.mm_per_px
+    contact_mm = setup.contact_radius_px(ball) * pitch_mm
+    if slope == (0.0, 0.0):
+        return ball_slopes(surface, x_px * pitch_mm, y_px * pitch_mm, contact_mm)
+    # the gel moves along the normal of the membrane, and distances run along the membrane
+    rise = slope[0] * x_px + slope[1] * y_px
+    r_mm = pitch_mm * np.sqrt(x_px**2 + y_px**2 + rise**2)
+    steep = pitch_mm * math.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
+    ratio = steep * surface.slope(r_mm, contact_mm) / np.maximum(r_mm, 1e-9)
+    return np.asarray(ratio * (x_px + slope[0] * rise)), np.asarray(ratio * (y_px + slope[1] * rise))
+
+
+def ball_truth(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> tuple[Array, Array, Array]:
+    """Slopes p, q of a ball at the pixels of its picture, and distances from its contact's middle (px)."""
+    p, q = slopes_on_ball(*axis_places(ball, setup, membrane), ball_radius_px=setup.radius_px(ball))
+    x_px, y_px, slope = _about_contact(ball, setup, membrane)
+    return p, q, np.sqrt(x_px**2 + y_px**2 + (slope[0] * x_px + slope[1] * y_px) ** 2)
+
+
+def axis_places(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> tuple[Array, Array]:
+    """Places that the pixels see, to the right of and above the axis of a ball (px)."""
+    x_px, y_px, _ = _about_contact(ball, setup, membrane)
+    middle = touched_px(ball, setup, membrane)
+    return x_px + (middle[0] - ball.centre_px[0]), y_px + (ball.centre_px[1] - middle[1])
+
+
+def _about_contact(
+    ball: BallPress, setup: Setup, membrane: Membrane | None
+) -> tuple[Array, Array, tuple[float, float]]:
+    """Places that the pixels see from a contact's middle, to the right and up (px), and the slope there.
+
+    A camera looks aslant beside its axis: gel that a ball has lifted is seen where other gel was.
+    """
+    middle = touched_px(ball, setup, membrane)
     rows, columns = np.indices(np.asarray(ball.image).shape[:2])
-    return ball_slopes(
-        surface,
-        np.asarray((columns - ball.centre_px[0]) * setup.mm_per_px),
-        np.asarray((ball.centre_px[1] - rows) * setup.mm_per_px),
-        setup.contact_radius_px(ball) * setup.mm_per_px,
-    )
+    at_rest = np.asarray(columns - middle[0]), np.asarray(middle[1] - rows)
+    if membrane is None:
+        return *at_rest, (0.0, 0.0)
+    slope, surface = membrane.slope_at(middle), ball_surface(ball, setup, membrane)
+    contact_mm, (x_px, y_px) = setup.contact_radius_px(ball) * setup.mm_per_px, at_rest
+    for _ in range(LIFTED_ROUNDS):
+        r_px = np.sqrt(x_px**2 + y_px**2 + (slope[0] * x_px + slope[1] * y_px) ** 2)
+        lifted_px = surface.height_mm(r_px * setup.mm_per_px, contact_mm) / setup.mm_per_px
+        x_px, y_px = at_rest[0] + membrane.sight_x * lifted_px, at_rest[1] + membrane.sight_y * lifted_px
+    return x_px, y_px, slope
 
 
-def ball_truth(ball: BallPress, setup: Setup) -> tuple[Array, Array, Array]:
-    """Slopes p, q of the ball at the pixels of its picture, and their distance from its centre (px)."""
-    rows, columns = np.asarray(ball.image).shape[:2]
-    return ball_gradients(
-        (rows, columns), ball.centre_px, ball_radius_mm=setup.ball_radius_mm, mm_per_px=setup.mm_per_px
-    )
+def relative_change(image: Array, background: Array, setup: Setup, mask: Mask | None = None) -> Array:
+    """Smoothed change of colour relative to the untouched gel, see `Setup.relative_to`."""
+    level = level_of(background) if setup.relative_to == "place" else background.mean(axis=(0, 1))
+    return smoothed((image - background) / level, setup.smoothing_px, mask)
 
 
-def relative_change(image: Array, background: Array, smoothing_px: float, mask: Mask | None) -> Array:
-    """Smoothed change of colour relative to the mean background."""
-    return smoothed((image - background) / background.mean(axis=(0, 1)), smoothing_px, mask)
+def smoothing_for(balls: Sequence[BallPress], background: Array) -> float:
+    """Gaussian smoothing (px) that leaves little of the pictures' noise, and blurs edges no more than that.
+
+    Noise is what differs from pixel to pixel, as a share of the change of colour in the contacts.
+    """
+    shares = []
+    for ball in balls:
+        change = colour_change(np.asarray(ball.image, dtype=float), background)
+        # of second differences nothing smooth is left
+        rough = (change[:, 2:] - 2 * change[:, 1:-1] + change[:, :-2]) / math.sqrt(6)
+        noise = 1.4826 * np.median(np.abs(rough), axis=(0, 1))
+        rows, columns = np.indices(change.shape[:2])
+        away = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
+        spread = np.sqrt((change[away < ball.contact_radius_px] ** 2).mean(axis=0))
+        shares.append(np.sqrt(((noise / np.maximum(spread, 1e-9)) ** 2).mean()))
+    # white noise falls to 1 / (2 sigma sqrt(pi)) of itself
+    least = float(np.median(shares)) / (2 * math.sqrt(math.pi) * NOISE_LEFT)
+    return float(np.clip(least, *SMOOTHING_PX))
 
 
 def positions(shape: tuple[int, ...]) -> Array:

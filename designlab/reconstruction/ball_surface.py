@@ -78,6 +78,14 @@ class BallSurface:
         )
         return np.asarray(ball * np.interp(r_mm / contact_radius_mm, _DISTANCES, beyond, right=0.0))
 
+    def height_mm(self, r_mm: Array, contact_radius_mm: float) -> Array:
+        """Height of the indentation at distances from the axis (mm): its slopes summed up from far away."""
+        distance = contact_radius_mm * np.concatenate([np.linspace(0, 1, 65)[:-1], _DISTANCES[1:]])
+        slope = self.slope(distance, contact_radius_mm)
+        steps = np.diff(distance) * (slope[1:] + slope[:-1]) / 2
+        height = -np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+        return np.asarray(np.interp(r_mm, distance, height))
+
     @cached_property
     def _solved(self) -> tuple[BSpline, BSpline]:
         return _table(self.thickness_mm / self.ball_radius_mm, self.poisson)

@@ -26,11 +26,14 @@ class BallPress:
         Column and row of the centre of the contact.
     contact_radius_px : float
         Radius of the contact circle as read off the picture.
+    radius_mm : float, optional
+        Radius of the ball, where balls differ; that of the setup when absent.
     """
 
     image: Array
     centre_px: tuple[float, float]
     contact_radius_px: float
+    radius_mm: float | None = None
 
     def moved(self, centre_px: tuple[float, float]) -> "BallPress":
         """The same press with another centre."""
@@ -48,16 +51,20 @@ class ContactCircle:
 def ball_gradients(
     shape: tuple[int, int], centre_px: tuple[float, float], *, ball_radius_mm: float, mm_per_px: float
 ) -> tuple[Array, Array, Array]:
-    """Slopes p, q of a ball at the pixels of a picture, and their distance from its centre (px).
-
-    The slope of a ball depends on the place only, not on the depth: p = -x / sqrt(R^2 - r^2). Beyond the
-    ball's radius it is kept at that of 0.999 R.
-    """
+    """Slopes p, q of a ball at the pixels of a picture, and their distance from its centre (px)."""
     rows, columns = np.indices(shape)
-    dx, dy = (columns - centre_px[0]) * mm_per_px, (centre_px[1] - rows) * mm_per_px
-    r = np.hypot(dx, dy)
-    down = np.sqrt(np.maximum(ball_radius_mm**2 - r**2, 0.002 * ball_radius_mm**2))
-    return -dx / down, -dy / down, r / mm_per_px
+    x_px, y_px = np.asarray(columns - centre_px[0]), np.asarray(centre_px[1] - rows)
+    return *slopes_on_ball(x_px, y_px, ball_radius_px=ball_radius_mm / mm_per_px), np.hypot(x_px, y_px)
+
+
+def slopes_on_ball(x_px: Array, y_px: Array, *, ball_radius_px: float) -> tuple[Array, Array]:
+    """Slopes p, q of a ball at places to the right of and above its axis.
+
+    They depend on the place only, not on the depth: p = -x / sqrt(R^2 - r^2). Beyond the ball's radius they
+    are kept at those of 0.999 R.
+    """
+    down = np.sqrt(np.maximum(ball_radius_px**2 - x_px**2 - y_px**2, 0.002 * ball_radius_px**2))
+    return -x_px / down, -y_px / down
 
 
 def find_contact_circle(
@@ -130,7 +137,8 @@ def _rim(strength: Array, centre: Array, reach_px: float) -> Array:
     angle = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     along = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
     columns, rows = centre[:, None, None] + along.T[:, None, :] * radii[:, None]
-    profile = map_coordinates(strength, [rows, columns], order=1, mode="constant")
+    # the border of the picture is no fall
+    profile = map_coordinates(strength, [rows, columns], order=1, mode="nearest")
     # smoothing and clipped channels move the maximum inwards, but hardly the steepest fall beyond it
     radius = radii[np.gradient(profile, axis=0).argmin(axis=0)]
     return np.asarray(centre + radius[:, None] * along)

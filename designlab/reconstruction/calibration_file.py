@@ -13,9 +13,11 @@ from designlab.core.store import write_atomic
 from designlab.core.types import Array
 from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.lab import FittedMap, LabCalibration
+from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import ErrorMap, Kernel, LinearMap, LinearMethod, Polynomial
 
-FORMAT = 1
+FORMAT, CURVED = 1, 2  # pictures as they are, or laid on a grid of the membrane
+_OF_MEMBRANE = ("columns", "rows", "height_mm", "p", "q", "sight_x", "sight_y")
 METHODS: dict[str, type[LinearMethod]] = {"kernel": Kernel, "polynomial": Polynomial}
 
 
@@ -34,11 +36,14 @@ class Kept(NamedTuple):
         Changes of colour that the balls showed, in units of their spread.
     about : mapping
         Plain data: how it was made, its errors on balls left out, how pictures are read.
+    membrane : Membrane, optional
+        The membrane on whose grid pictures are laid first; None where they are taken as they are.
     """
 
     calibration: LabCalibration
     taught: Array
     about: Mapping[str, Any]
+    membrane: Membrane | None = None
 
 
 def save_calibration(path: str | Path, kept: Kept) -> Path:
@@ -55,12 +60,18 @@ def save_calibration(path: str | Path, kept: Kept) -> Path:
         "spread": calibration.spread,
         "taught": kept.taught.astype(np.float32),
     }
+    if kept.membrane is not None:
+        arrays |= {
+            f"membrane-{name}": getattr(kept.membrane, name).astype(np.float32) for name in _OF_MEMBRANE
+        }
+        arrays["membrane-seen"] = kept.membrane.seen.astype(np.float32)
     maps: dict[str, Any] = {}
     for name, fitted in (("inner", calibration.inner), ("rim", calibration.rim)):
         if fitted is not None:
             maps[name] = _described(name, fitted, arrays)
     head = {
-        "format": FORMAT,
+        "format": FORMAT if kept.membrane is None else CURVED,
+        "picture_px": None if kept.membrane is None else list(kept.membrane.picture_px),
         "setup": calibration.setup._asdict(),
         "detail_px": calibration.detail_px,
         "maps": maps,
@@ -90,8 +101,10 @@ def load_calibration(path: str | Path) -> Kept:
         ) from None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise CalibrationFileError(f"{path}: is no calibration of `designlab calibrate --balls`") from error
-    if version != FORMAT:
-        raise CalibrationFileError(f"{path}: format {version}; this version of designlab reads {FORMAT}")
+    if version not in (FORMAT, CURVED):
+        raise CalibrationFileError(
+            f"{path}: format {version}; this version of designlab reads {FORMAT} and {CURVED}"
+        )
     maps = {name: _restored(name, text, arrays) for name, text in head["maps"].items()}
     calibration = LabCalibration(
         background=arrays["background"].astype(float),
@@ -101,7 +114,17 @@ def load_calibration(path: str | Path) -> Kept:
         rim=maps.get("rim"),
         detail_px=head["detail_px"],
     )
-    return Kept(calibration, arrays["taught"].astype(float), head["about"])
+    membrane = None
+    if version == CURVED:
+        parts = {name: arrays[f"membrane-{name}"].astype(float) for name in _OF_MEMBRANE}
+        rows, columns = head["picture_px"]
+        membrane = Membrane(
+            **parts,
+            seen=arrays["membrane-seen"] > 0.5,
+            mm_per_px=calibration.setup.mm_per_px,
+            picture_px=(rows, columns),
+        )
+    return Kept(calibration, arrays["taught"].astype(float), head["about"], membrane)
 
 
 def _described(name: str, fitted: FittedMap, arrays: dict[str, Array]) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """What has changed since the untouched gel, beside a press: brightness, white balance, place."""
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, zoom
 
 from designlab.core.types import Array, Mask
@@ -66,7 +67,9 @@ class Untouched(NamedTuple):
         return cls(image, _blocks(image))
 
 
-def drift_between(untouched: Untouched, image: Array, *, place: bool = True) -> Drift:
+def drift_between(
+    untouched: Untouched, image: Array, *, place: bool = True, free: Mask | None = None
+) -> Drift:
     """Estimate what has changed between two pictures, one of which may show a press.
 
     A press changes the ratio of brightness differently in every place and colour. The ratio that most blocks
@@ -80,8 +83,15 @@ def drift_between(untouched: Untouched, image: Array, *, place: bool = True) -> 
         A picture of it, with a press or without.
     place : bool
         Whether to look for a shift.
+    free : bool array, shape (rows, columns), optional
+        Pixels that are compared: those that show the bare membrane.
     """
-    ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
+    if free is None:
+        ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
+    else:
+        bare = _parted(free[..., None])
+        now, before = ((_parted(each) * bare).mean(axis=(1, 3)) for each in (image, untouched.image))
+        ratio = np.asarray(now / np.maximum(before, 1e-3))
     gain, alike = _most_common(ratio.reshape(-1, ratio.shape[-1]))
     inside = ratio.reshape(-1, ratio.shape[-1])[alike]
     spread = 1.4826 * np.median(np.abs(inside - gain), axis=0)
@@ -125,12 +135,15 @@ def shift_px(before: Array, now: Array, untouched: Mask | None = None) -> tuple[
 
 def _blocks(image: Array) -> Array:
     """Means over blocks, shape (blocks, blocks, channels), without what is left at the right and below."""
+    return np.asarray(_parted(image).mean(axis=(1, 3)))
+
+
+def _parted(image: NDArray[Any]) -> NDArray[Any]:
+    """Every second pixel, which is enough, by blocks: shape (blocks, pixels, blocks, pixels, channels)."""
     rows, columns = (max(side // BLOCK_PX, 1) for side in image.shape[:2])
     down, across = image.shape[0] // rows, image.shape[1] // columns
     part = image[: rows * down, : columns * across]
-    # every second pixel is enough
-    parted = part.reshape(rows, down, columns, across, -1)[:, ::2, :, ::2]
-    return np.asarray(parted.mean(axis=(1, 3)))
+    return part.reshape(rows, down, columns, across, -1)[:, ::2, :, ::2]
 
 
 def _most_common(ratio: Array) -> tuple[Array, Mask]:

@@ -57,8 +57,9 @@ class GelFit(NamedTuple):
 def fit_gel(
     balls: Sequence[BallPress],
     changes: Sequence[Array],
+    places_px: Sequence[tuple[Array, Array]],
     *,
-    ball_radius_mm: float,
+    ball_radii_mm: Sequence[float],
     mm_per_px: float,
     smoothing_px: float,
     reach: float,
@@ -84,7 +85,11 @@ def fit_gel(
         At least three, with refined centres.
     changes : sequence of arrays, shape (rows, columns, channels)
         Smoothed changes of colour in units of their spread.
-    ball_radius_mm, mm_per_px, smoothing_px, poisson
+    places_px : sequence of pair of arrays, shape (rows, columns)
+        Places that the pixels see, to the right of and above the middle of each contact.
+    ball_radii_mm : sequence of float
+        Radius of each ball (mm).
+    mm_per_px, smoothing_px, poisson
         As in `ball_samples.Setup`.
     reach : float
         Pixels within so many contact radii are used.
@@ -105,15 +110,16 @@ def fit_gel(
         )
     draw = np.random.default_rng(seed)
     views = [
-        _View.of(ball, change, reach, smoothing_px, draw) for ball, change in zip(balls, changes, strict=True)
+        _View.of(ball, change, place, reach, smoothing_px, draw)
+        for ball, change, place in zip(balls, changes, places_px, strict=True)
     ]
-    scene = _Scene(views, ball_radius_mm, mm_per_px, smoothing_px, poisson, label_bias)
+    scene = _Scene(views, ball_radii_mm, mm_per_px, smoothing_px, poisson, label_bias)
     if thickness_mm is not None:
-        thinness = np.array([ball_radius_mm / thickness_mm])
+        thinness = np.array([scene.usual_radius_mm / thickness_mm])
         radii, misfit = scene.profile(thinness, scene.first_radii(thickness_mm), rounds=2)
     else:
         thinness = np.array(_THINNESS)
-        radii, misfit = scene.profile(thinness, scene.first_radii(1.5 * ball_radius_mm))
+        radii, misfit = scene.profile(thinness, scene.first_radii(1.5 * scene.usual_radius_mm))
         for rounds, factors in enumerate(_NEARER, start=1):
             fine, evidence = _between(thinness, misfit)
             best = fine[evidence.mean(axis=1).argmin()]
@@ -137,7 +143,7 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
 
     every = np.arange(len(scene.views))
     found = np.array(least(misfit, every))
-    parts = zip(scene.ball_radius_mm / thinness, radii, strict=True)
+    parts = zip(scene.usual_radius_mm / thinness, radii, strict=True)
     fewer = np.array([scene.misfits_without_each(*part) for part in parts])
     without = np.array([least(fewer[:, each], np.delete(every, each)) for each in every])
     error = np.sqrt((every.size - 1) * without.var(axis=0))
@@ -148,9 +154,9 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
         high[0] = np.inf if found[0] >= thinness[-1] else high[0]
     return GelFit(
         FittedValue(
-            float(scene.ball_radius_mm / found[0]),
-            float(scene.ball_radius_mm / high[0]),
-            float(scene.ball_radius_mm / low[0]) if low[0] > 0 else np.inf,
+            float(scene.usual_radius_mm / found[0]),
+            float(scene.usual_radius_mm / high[0]),
+            float(scene.usual_radius_mm / low[0]) if low[0] > 0 else np.inf,
         ),
         FittedValue(*(float(np.expm1(value)) for value in (found[1], low[1], high[1]))),
         np.exp(radii_of(found[0])) / scene.mm_per_px,
@@ -181,16 +187,21 @@ class _View(NamedTuple):
 
     @classmethod
     def of(
-        cls, ball: BallPress, change: Array, reach: float, smoothing_px: float, draw: np.random.Generator
+        cls,
+        ball: BallPress,
+        change: Array,
+        place_px: tuple[Array, Array],
+        reach: float,
+        smoothing_px: float,
+        draw: np.random.Generator,
     ) -> "_View":
         """Pixels drawn evenly from the circle of `reach` radii."""
+        x, y = place_px
         rows, columns = np.indices(change.shape[:2])
-        x, y = np.asarray(columns - ball.centre_px[0]), np.asarray(ball.centre_px[1] - rows)
         far = reach * ball.contact_radius_px + 4 * smoothing_px
-        box = np.s_[
-            max(0, int(ball.centre_px[1] - far)) : int(ball.centre_px[1] + far) + 2,
-            max(0, int(ball.centre_px[0] - far)) : int(ball.centre_px[0] + far) + 2,
-        ]
+        around = np.hypot(x, y) <= far
+        down, across = (np.flatnonzero(around.any(axis=axis)) for axis in (1, 0))
+        box = np.s_[down[0] : down[-1] + 1, across[0] : across[-1] + 1]
         x, y, colour = x[box], y[box], change[box]
         near = np.flatnonzero(np.hypot(x, y) < reach * ball.contact_radius_px)
         chosen = draw.choice(near, min(_PIXELS, near.size), replace=False)
@@ -205,11 +216,16 @@ class _Scene(NamedTuple):
     """All balls, and how well the others predict the colours of each."""
 
     views: Sequence[_View]
-    ball_radius_mm: float
+    ball_radii_mm: Sequence[float]
     mm_per_px: float
     smoothing_px: float
     poisson: float
     label_bias: float | None
+
+    @property
+    def usual_radius_mm(self) -> float:
+        """Radius of the balls, in the middle where they differ."""
+        return float(np.median(self.ball_radii_mm))
 
     @property
     def labels_mm(self) -> Array:
@@ -225,7 +241,7 @@ class _Scene(NamedTuple):
     def profile(self, thinness: Array, radii_mm: Array, rounds: int = 1) -> tuple[Array, Array]:
         """Contact radii (mm) that fit best at each thinness, and misfits, shape (thinness, balls) both."""
         found, misfits = [], []
-        for thickness in self.ball_radius_mm / thinness:
+        for thickness in self.usual_radius_mm / thinness:
             for _ in range(rounds):
                 if self.label_bias is None:
                     radii_mm = self._scaled(thickness, radii_mm, _NARROW)
@@ -245,12 +261,12 @@ class _Scene(NamedTuple):
 
     def _each_scaled(self, thickness_mm: float, radii_mm: Array) -> Array:
         """Contact radii, each as suits what the others say with theirs."""
-        surface, _, fits = self._fits(thickness_mm, radii_mm)
+        surfaces, _, fits = self._fits(thickness_mm, radii_mm)
         misfit = np.array(
             [
                 [
                     _error(fit, self._samples(view, surface, radius / (1 + bias)))
-                    for view, radius, fit in zip(self.views, radii_mm, fits, strict=True)
+                    for view, surface, radius, fit in zip(self.views, surfaces, radii_mm, fits, strict=True)
                 ]
                 for bias in _NARROW
             ]
@@ -276,13 +292,11 @@ class _Scene(NamedTuple):
 
     def _fits(
         self, thickness_mm: float, radii_mm: Array
-    ) -> tuple[BallSurface, list[Samples], list[LinearMap]]:
-        """Surface, samples of each ball, and maps from slope to colour that know nothing of one ball each."""
-        surface = BallSurface(self.ball_radius_mm, thickness_mm, self.poisson)
-        samples = [
-            self._samples(view, surface, radius) for view, radius in zip(self.views, radii_mm, strict=True)
-        ]
-        return surface, samples, _COLOUR.fit_without_each(samples)
+    ) -> tuple[list[BallSurface], list[Samples], list[LinearMap]]:
+        """Surfaces and samples of the balls, and maps from slope to colour without each ball in turn."""
+        surfaces = [BallSurface(radius, thickness_mm, self.poisson) for radius in self.ball_radii_mm]
+        samples = [self._samples(*each) for each in zip(self.views, surfaces, radii_mm, strict=True)]
+        return surfaces, samples, _COLOUR.fit_without_each(samples)
 
     def _samples(self, view: _View, surface: BallSurface, radius_mm: float) -> Samples:
         """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""

@@ -13,6 +13,7 @@ from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_samples import (
     Setup,
+    axis_places,
     ball_samples,
     ball_truth,
     known_gel,
@@ -23,6 +24,7 @@ from designlab.reconstruction.ball_samples import (
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import gradients_of, integrate, normals
+from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import (
     ErrorMap,
     JointMap,
@@ -38,6 +40,7 @@ from designlab.reconstruction.methods import (
 )
 from designlab.reconstruction.pictures import check_mask
 
+RIDGES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
@@ -209,7 +212,7 @@ class LabCalibration:
                 f"image: must have the shape of the background {self.background.shape}, got {image.shape}"
             )
         check_mask(mask, image.shape[:2])
-        change = relative_change(image, self.background, self.setup.smoothing_px, mask) / self.spread
+        change = relative_change(image, self.background, self.setup, mask) / self.spread
         return change.reshape(-1, self.background.shape[-1])
 
 
@@ -245,7 +248,7 @@ def calibrate(
     setup: Setup,
     *,
     method: Method | None = None,
-    base: tuple[Array, Array] | None = None,
+    membrane: Membrane | None = None,
 ) -> LabCalibration:
     """Calibrate on ball presses.
 
@@ -259,16 +262,16 @@ def calibrate(
         Scale, ball and what is known of the gel; the rest is fitted, see `ball_samples.known_gel`.
     method : Method, optional
         See `methods`; `Kernel()` when absent.
-    base : pair of arrays, shape (rows, columns), optional
-        Slopes of the undeformed membrane, for a dome; a plane when absent.
+    membrane : Membrane, optional
+        The undeformed membrane on whose grid the pictures are laid out, for a dome; a plane when absent.
 
     Raises
     ------
     ValueError
         If there are fewer than two balls, or shapes differ.
     """
-    balls, setup, gel = known_gel(balls, background, setup)
-    background, spread, parts = ball_samples(balls, background, setup, base)
+    balls, setup, gel = known_gel(balls, background, setup, membrane)
+    background, spread, parts = ball_samples(balls, background, setup, membrane)
     method = method or Kernel()
     fits = []
     for presses in parts:
@@ -346,16 +349,17 @@ def refine_centres(
     *,
     method: Method | None = None,
     rounds: int = 4,
+    membrane: Membrane | None = None,
 ) -> list[BallPress]:
     """Move each ball's centre to where its own reconstructed normals meet.
 
     A centre read off a picture is good to a pixel, which is a degree on a small ball. Each ball is
     reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
-    one read off, and so on. Valid on a flat gel.
+    one read off, and so on.
 
     Parameters
     ----------
-    balls, background, setup
+    balls, background, setup, membrane
         See `calibrate`.
     method : Method, optional
         See `methods`; `Polynomial()` when absent, which is quick.
@@ -363,18 +367,17 @@ def refine_centres(
         Times that all balls are moved.
     """
     method = method or Polynomial()
-    moving, known, _ = known_gel(balls, background, setup)
+    moving, known, _ = known_gel(balls, background, setup, membrane)
     plain = known._replace(detail=0.0, weighted=False)
-    rows, columns = np.indices(np.asarray(background).shape[:2])
-    reach_px = setup.ball_radius_mm / setup.mm_per_px
+    base_p, base_q = (0.0, 0.0) if membrane is None else (membrane.p, membrane.q)
     for _ in range(rounds):
         moved = []
-        for ball, shape in zip(moving, _left_out(moving, background, plain, method), strict=True):
-            normal = normals(shape.p, shape.q)
-            r = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
-            near = r < known.contact_radius_px(ball)
-            column = np.median((columns - normal[..., 0] * reach_px)[near])
-            row = np.median((rows + normal[..., 1] * reach_px)[near])
+        for ball, shape in zip(moving, _left_out(moving, background, plain, method, membrane), strict=True):
+            normal, reach_px = normals(shape.p + base_p, shape.q + base_q), setup.radius_px(ball)
+            near = ball_truth(ball, known, membrane)[2] < known.contact_radius_px(ball)
+            x_px, y_px = axis_places(ball, known, membrane)
+            column = ball.centre_px[0] + np.median((x_px - normal[..., 0] * reach_px)[near])
+            row = ball.centre_px[1] - np.median((y_px - normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
         moving = moved
     return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
@@ -389,17 +392,27 @@ def left_out_errors(
 
 
 def left_out_of_each(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    *,
+    method: Method | None = None,
+    membrane: Membrane | None = None,
 ) -> list[LeftOut]:
-    """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
+    """Errors on each ball of a calibration on the others. Parameters as `calibrate`."""
     errors = []
-    balls, setup, _ = known_gel(balls, background, setup)
-    for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
-        p, q, r_px = ball_truth(ball, setup)
-        error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
+    balls, setup, _ = known_gel(balls, background, setup, membrane)
+    shapes = _left_out(balls, background, setup, method or Kernel(), membrane)
+    base_p, base_q, base_mm = (
+        (0.0, 0.0, 0.0) if membrane is None else (membrane.p, membrane.q, membrane.height_mm)
+    )
+    for ball, shape in zip(balls, shapes, strict=True):
+        p, q, r_px = ball_truth(ball, setup, membrane)
+        error_deg = normal_error_deg(normals(shape.p + base_p, shape.q + base_q), normals(p, q))
         inside = r_px < ball.contact_radius_px
         contact = r_px < setup.contact_radius_px(ball)
-        cap = np.sqrt(np.maximum(setup.ball_radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0.0))
+        axis_mm = setup.mm_per_px * np.hypot(*axis_places(ball, setup, membrane))
+        cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
         height = (shape.height_mm - cap)[contact]
         means = error_deg[contact].mean(), error_deg[inside].mean(), height.std()
         errors.append(LeftOut(*map(float, means)))
@@ -428,20 +441,64 @@ def choose_method(
     return min(table, key=lambda row: row[1].combined)[0], table
 
 
+def suited(
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    *,
+    membrane: Membrane | None = None,
+    ridges: Sequence[float] = RIDGES,
+) -> tuple[Setup, Kernel]:
+    """What changes of colour are best a share of, and the kernel, from stiff to supple, by balls left out.
+
+    The error is the mean angle to the surface of the gel at the pixels that teach it, on a gel that is known.
+    Parameters as `calibrate`.
+    """
+    tried: list[tuple[float, Setup, Kernel]] = []
+    kernels = [Kernel(ridge=ridge) for ridge in ridges]
+    choices: tuple[Setup, ...] = (setup, setup._replace(relative_to="place"))
+    for relative in choices:
+        presses = ball_samples(balls, background, relative._replace(detail=0.0), membrane)[2][0]
+        parts = [kernels[0].normal(press) for press in presses]
+        for kernel in kernels:
+            predictors = kernel.solve_without_each(parts)
+            tried.append((_mean_error_deg(presses, predictors), relative, kernel))
+    return min(tried, key=lambda each: each[0])[1:]
+
+
+def _mean_error_deg(presses: Sequence[Samples], predictors: Sequence[Predictor]) -> float:
+    """Mean angle between the normals that presses have and those that fits without them predict."""
+    found = []
+    for press, predictor in zip(presses, predictors, strict=True):
+        slopes = predictor(press.signal, press.position), press.slope
+        told, truth = (normals(*slope_gradients(slope).T) for slope in slopes)
+        found.append(np.average(normal_error_deg(told, truth), weights=press.weight))
+    return float(np.mean(found))
+
+
 def _left_out(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    method: Method,
+    membrane: Membrane | None,
 ) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
-    without = calibrations_without_each(balls, background, setup, method=method)
+    without = calibrations_without_each(balls, background, setup, method=method, membrane=membrane)
     return [own.reconstruct(ball.image) for ball, own in zip(balls, without, strict=True)]
 
 
 def calibrations_without_each(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    *,
+    method: Method | None = None,
+    membrane: Membrane | None = None,
 ) -> list[LabCalibration]:
     """Calibrations that each know nothing of one ball, on a gel that is known. Parameters as `calibrate`."""
     method = method or Kernel()
-    background, spread, parts = ball_samples(balls, background, setup, None)
+    background, spread, parts = ball_samples(balls, background, setup, membrane)
     fits = []
     for presses in parts:
         predictors = method.fit_without_each(presses)

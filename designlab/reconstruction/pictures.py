@@ -11,8 +11,12 @@ _DARKEST = 0.1
 
 def colour_change(image: Array, background: Array) -> Array:
     """Change of colour from the untouched gel, as a share of it; shape (rows, columns, channels)."""
-    mean = background.mean(axis=(0, 1))
-    return np.asarray((image - background) / np.maximum(background, _DARKEST * mean))
+    return np.asarray((image - background) / level_of(background))
+
+
+def level_of(background: Array) -> Array:
+    """What a change of colour is a share of: the untouched gel, but for its darkest corners."""
+    return np.asarray(np.maximum(background, _DARKEST * background.mean(axis=(0, 1))))
 
 
 def thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:

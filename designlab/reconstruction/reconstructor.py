@@ -13,13 +13,19 @@ from scipy.spatial import cKDTree
 
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
-from designlab.mechanics.surface_pressure import ITERATIONS, ForceRange, SurfacePressure, pressure_under
+from designlab.mechanics.surface_pressure import (
+    ITERATIONS,
+    PRESSED_IN,
+    ForceRange,
+    SurfacePressure,
+    pressure_under,
+)
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.lab import LabCalibration
-from designlab.reconstruction.markers import Markers, MovedMarkers, without
+from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
 
 if TYPE_CHECKING:
     from designlab.reconstruction.video import VideoMaps
@@ -44,6 +50,8 @@ EFFORT: dict[Mode, _Effort] = {
 }
 ASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
 LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
+BLUR = 2.0  # standard deviations of the smoothing, within which a point is blurred
+ABOVE_REST = 3.0  # root mean squares of what pressure does not explain, by which a contact presses in
 FULL = 0.995  # of full scale from which a pixel is clipped
 MOST_CLIPPED = 0.05  # share of the pixels that change
 MOST_STRANGE = 0.1  # likewise, of colours that the balls did not show
@@ -55,6 +63,10 @@ DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed fo
 OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
 LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
 MOST_GAIN = 2.0  # change of brightness that is still corrected
+ROUGH, CLEAR = (
+    0.12,
+    0.5,
+)  # standard error over the shear, above which it is rough, and below which there is any
 LOST_MARKERS = 0.3  # share of the markers, that a press may hide
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
 
@@ -205,6 +217,13 @@ class Reconstructor:
         plain = self.kept.about.get("markers")
         return None if plain is None else Markers.from_plain(plain, self.calibration.background.shape)
 
+    @cached_property
+    def _unseen(self) -> Mask | None:
+        """Cells of mode ``video`` that no picture shows; None where pictures are taken as they are."""
+        if self.kept.membrane is None:
+            return None
+        return on_cells(~self.kept.membrane.seen, self.video.cell_px)
+
     @property
     def calibration(self) -> LabCalibration:
         """The maps, on the untouched gel that is in use."""
@@ -228,9 +247,7 @@ class Reconstructor:
         ValueError
             If it has another size than the calibration, or lacks its markers.
         """
-        given = np.asarray(background, dtype=float)
-        if given.shape != self.calibration.background.shape:
-            raise ValueError(f"background: {_sizes(given, self.calibration)}")
+        given = np.asarray(self._taken(background, "background"), dtype=float)
         about = self.kept.about
         if self.markers is not None:
             found = Markers.found_in(given)
@@ -243,13 +260,27 @@ class Reconstructor:
             vars(made)["video"] = self.video.on(calibration)
         return made
 
+    def laid_out(self, image: ArrayLike) -> NDArray[Any]:
+        """A picture as heights are laid out: on the grid of the membrane, where the calibration has one."""
+        image = np.asarray(image)
+        return image if self.kept.membrane is None else self.kept.membrane.laid_out(image)
+
+    def _taken(self, image: ArrayLike, name: str) -> NDArray[Any]:
+        """A picture of the right size, laid out."""
+        image, membrane = np.asarray(image), self.kept.membrane
+        size = self.calibration.background.shape if membrane is None else membrane.picture_px
+        channels = self.calibration.background.shape[-1]
+        if image.shape != (*size[:2], channels):
+            raise ValueError(f"{name}: {_sizes(image, (size[0], size[1], channels))}")
+        return self.laid_out(image)
+
     def drift_of(self, image: ArrayLike) -> Drift:
         """Brightness and place of a picture against the untouched gel in use, beside a press."""
-        return drift_between(self._untouched, np.asarray(image, dtype=float))
+        return drift_between(self._untouched, np.asarray(self.laid_out(image), dtype=float))
 
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
-        before, now = self.calibration.background, np.asarray(background, dtype=float)
+        before, now = self.calibration.background, np.asarray(self.laid_out(background), dtype=float)
         found = []
         ratio = now.mean(axis=(0, 1)) / before.mean(axis=(0, 1))
         if np.abs(ratio - 1).max() > DRIFTED:
@@ -277,7 +308,7 @@ class Reconstructor:
         image : array, shape (rows, columns, channels)
             Values as the calibration's pictures have them, 0 to 1.
         mask : bool array, shape (rows, columns), optional
-            Pixels that show the bare membrane; markers left out. Mode ``video`` takes none.
+            Pixels, as `laid_out`, that show the bare membrane; markers left out. Mode ``video`` takes none.
         pressure : bool
             Whether to find pressure and contact (about a second; in mode ``video`` some 20 ms); without,
             contact is where the gel is pressed in by more than half of the depth.
@@ -288,22 +319,26 @@ class Reconstructor:
             If the picture has another size than the calibration, or shows another sensor.
         """
         video = self.mode == "video"
-        values: NDArray[Any] = np.asarray(image, dtype=np.float32 if video else float)
-        if values.shape != self.calibration.background.shape:
-            raise ValueError(f"image: {_sizes(values, self.calibration)}")
+        values: NDArray[Any] = np.asarray(self._taken(image, "image"), dtype=np.float32 if video else float)
         if video and mask is not None:
-            raise ValueError("mask: mode video takes none; use mode accurate for gels with markers")
-        moved = None
-        if self.markers is not None:
-            moved = self.markers.followed(values)
-            values = np.asarray(without(values, moved.covered), dtype=values.dtype)
-            if not video:
-                mask = ~moved.covered if mask is None else mask & ~moved.covered
-        drift = drift_between(self._untouched, values, place=not video)
-        used, warnings = self._levelled(values, drift)
-        change = self.video.change(used) if video else self.calibration.change(used, mask)
-        seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
+            raise ValueError("mask: mode video takes none, and finds printed markers itself")
         cell_px = self.video.cell_px if video else 1
+        moved, free = None, None
+        covered = self._unseen if video else None
+        if not video and self.kept.membrane is not None:
+            mask = self.kept.membrane.seen if mask is None else mask & self.kept.membrane.seen
+        if self.markers is not None:
+            moved = self.markers.followed(values, cell_px=cell_px)
+            if video:
+                free = _of_pixels(~moved.covered, cell_px, values.shape)
+                covered = moved.covered if covered is None else covered | moved.covered
+            else:
+                values = without(values, moved.covered)
+                mask = ~moved.covered if mask is None else mask & ~moved.covered
+        drift = drift_between(self._untouched, values, place=not video, free=free)
+        used, warnings = self._levelled(values, drift)
+        change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
+        seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         if video:
             height = self.video.height_mm(change)
@@ -322,10 +357,13 @@ class Reconstructor:
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
-            contact = _contact(found.pressure, height.shape, EFFORT[self.mode].touched)
+            smoothing_px = max(self.calibration.setup.smoothing_px, cell_px / 2)
+            contact = _contact(found, height.shape, EFFORT[self.mode].touched, smoothing_px)
         shift = None if moved is None else self._shift(moved, height, found)
         if moved is not None and self.markers is not None:
             warnings += _lost(moved, self.markers)
+        if shift is not None and shift.shear is not None:
+            warnings += _rough(shift.shear)
         return PressShape(
             height,
             normal,
@@ -435,6 +473,11 @@ class Reconstructor:
         return []
 
 
+def _of_pixels(cells: Mask, cell_px: int, shape: tuple[int, ...]) -> Mask:
+    """A mask of cells as one of pixels."""
+    return cells.repeat(cell_px, axis=0).repeat(cell_px, axis=1)[: shape[0], : shape[1]]
+
+
 def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
     """Say that many markers were not found again."""
     lost = 1 - len(moved.places_px) / len(markers.places_px)
@@ -446,25 +489,50 @@ def _lost(moved: MovedMarkers, markers: Markers) -> list[str]:
     ]
 
 
-def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:
-    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture."""
-    parts, _ = label(pressure > LEAST_TOUCHED * pressure.max())
-    peaks = [pressure[parts == part].max() for part in range(1, parts.max() + 1)]
-    least = touched * np.array([0.0, *peaks], dtype=pressure.dtype)[parts]
-    least[parts == 0] = np.inf
-    for axis, count in enumerate(shape):
-        at = (np.arange(count) + 0.5) * pressure.shape[axis] / count - 0.5
+def _rough(shear: SurfaceShear) -> list[str]:
+    """Say that there is shear, and how much is not known well."""
+    if not ROUGH < shear.relative_error < CLEAR:
+        return []
+    return [
+        f"the shear is known to {shear.relative_error:.0%} only (standard error): it is small beside the "
+        "pressing force, or few markers near the contact were found again"
+    ]
+
+
+def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smoothing_px: float) -> Mask:
+    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture.
+
+    No contact is what goes less deep than a contact does somewhere, presses the surface in no deeper than
+    what pressure does not explain of it anyway, or is no larger than a point of the blurred picture.
+    """
+    pressure, near = found.pressure, np.ones((3, 3))
+    parts, count = label(pressure > LEAST_TOUCHED * pressure.max(), near)
+    peaks = np.array([0.0, *(pressure[parts == part].max() for part in range(1, count + 1))])
+    least = np.where(parts > 0, touched * peaks.astype(pressure.dtype)[parts], np.inf)
+    islands, count = label(pressure > least, near)
+    deep = PRESSED_IN * found.height_mm.max()
+    for island in range(1, count + 1):
+        own = islands == island
+        if found.height_mm[own].max() < deep or found.lift_mm(own) < ABOVE_REST * found.rest_mm:
+            # nor is what is beside it larger by it
+            pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
+    for axis, length in enumerate(shape):
+        at = (np.arange(length) + 0.5) * pressure.shape[axis] / length - 0.5
         at = np.clip(at, 0, pressure.shape[axis] - 1)
         low = np.minimum(at.astype(int), pressure.shape[axis] - 2)
         share = np.expand_dims((at - low).astype(pressure.dtype), 1 - axis)
         pressure = (1 - share) * pressure.take(low, axis) + share * pressure.take(low + 1, axis)
         # a contact may end half a point beyond its last
         least = np.minimum(least.take(low, axis), least.take(low + 1, axis))
-    return np.asarray(pressure > least)
+    islands, count = label(pressure > least, near)
+    areas = np.bincount(islands.ravel(), minlength=count + 1)
+    areas[0] = 0
+    large = areas > min(np.pi * (BLUR * smoothing_px) ** 2, 0.99 * areas.max())
+    return np.asarray(large[islands])
 
 
-def _sizes(given: Array, calibration: LabCalibration) -> str:
-    rows, columns, channels = calibration.background.shape
+def _sizes(given: Array, shape: tuple[int, int, int]) -> str:
+    rows, columns, channels = shape
     got: Any = given.shape
     if given.ndim == 3:
         got = f"{given.shape[1]} x {given.shape[0]} pixels of {given.shape[2]} channels"

@@ -10,11 +10,14 @@ from scipy.fft import dstn, idstn
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_array
 
-from designlab.core.types import Array, Single
+from designlab.core.images import resize_area
+from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
+from designlab.reconstruction.pictures import level_of
 
+MOST_CELLS = 100_000  # of one pixel; more take more time than a video leaves
 _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
 _COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
@@ -42,7 +45,9 @@ class VideoMaps:
 
     def __init__(self, calibration: LabCalibration, taught: Array) -> None:
         self.calibration = calibration
-        self.cell_px = max(1, int(calibration.setup.smoothing_px))
+        pixels = calibration.background.shape[0] * calibration.background.shape[1]
+        least = 1 if pixels <= MOST_CELLS else 2
+        self.cell_px = max(least, int(calibration.setup.smoothing_px))
         self.table = ColourTable.of(partial(_outputs, calibration), taught)
         self._detail = calibration.detail_px / self.cell_px if calibration.rim is not None else 0.0
         rows, columns = calibration.background.shape[:2]
@@ -69,19 +74,26 @@ class VideoMaps:
     def _background(self) -> tuple[Single, Single]:
         """The untouched gel, and what a change of it is divided by."""
         background, spread = self.calibration.background, self.calibration.spread
-        scale = 1 / (background.mean(axis=(0, 1)) * spread)
-        return background.astype(np.float32), scale.astype(np.float32)
+        level = np.broadcast_to(background.mean(axis=(0, 1)), (*self._cells, len(spread)))
+        if self.calibration.setup.relative_to == "place":
+            level = resize_area(level_of(background), *self._cells)
+        return background.astype(np.float32), (1 / (level * spread)).astype(np.float32)
 
-    def change(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Change of colour on cells, in units of the spread, shape (cells, cells, 3)."""
+    def change(self, image: NDArray[Any], covered: Mask | None = None) -> NDArray[Any]:
+        """Change of colour on cells, in units of the spread, shape (cells, cells, 3).
+
+        Cells that markers cover are filled in from around.
+        """
         background, scale = self._background
         found = np.empty((*self._cells, 3), dtype=np.float32)
         _binned(image, background, scale, self.cell_px, found)
-        if self._smoothing:
-            found = gaussian_filter(
-                found, (self._smoothing, self._smoothing, 0), mode="nearest", truncate=3.0
-            )
-        return found
+        return self._smoothed(found if covered is None else _filled(found, ~covered))
+
+    def _smoothed(self, values: Single) -> Single:
+        if not self._smoothing:
+            return values
+        sigma = (self._smoothing, self._smoothing, 0)
+        return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
 
     def height_mm(self, change: NDArray[Any]) -> NDArray[Any]:
         """Height at the pixels, from a change of colour on cells."""
@@ -100,6 +112,24 @@ class VideoMaps:
         found = np.empty((*height_mm.shape, 3), dtype=np.float32)
         _normals(height_mm, np.float32(1 / self.calibration.setup.mm_per_px), found)
         return found
+
+
+def _filled(values: Single, free: Mask) -> Single:
+    """Values whose cells that are not free are filled in from coarser and coarser means of the others."""
+    if free.all():
+        return values
+    if not free.any():
+        return np.zeros_like(values)
+    rows, columns = free.shape
+    even = (-rows % 2, -columns % 2)
+    known = np.pad(free, ((0, even[0]), (0, even[1]))).astype(np.float32)[..., None]
+    kept = np.pad(np.where(free[..., None], values, 0), ((0, even[0]), (0, even[1]), (0, 0)))
+    count, total = (
+        each[::2, ::2] + each[1::2, ::2] + each[::2, 1::2] + each[1::2, 1::2] for each in (known, kept)
+    )
+    coarse = _filled(np.asarray(total / np.maximum(count, 1), np.float32), count[..., 0] > 0)
+    finer = coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns]
+    return np.asarray(np.where(free[..., None], values, finer))
 
 
 def _outputs(calibration: LabCalibration, colour: Array, place: Array) -> Array:
@@ -192,9 +222,9 @@ def _binned(image: Single, background: Single, scale: Single, cell_px: int, foun
                     b += image[i, j, 1] - background[i, j, 1]
                     c += image[i, j, 2] - background[i, j, 2]
                     count += 1
-            found[row, column, 0] = a * scale[0] / count
-            found[row, column, 1] = b * scale[1] / count
-            found[row, column, 2] = c * scale[2] / count
+            found[row, column, 0] = a * scale[row, column, 0] / count
+            found[row, column, 1] = b * scale[row, column, 1] / count
+            found[row, column, 2] = c * scale[row, column, 2] / count
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -8,6 +8,7 @@ import numpy as np
 from designlab.core.images import tone_map
 from designlab.core.store import write_atomic
 from designlab.inference.calibration.balls import BallCalibration
+from designlab.reconstruction.ball_samples import touched_px
 from designlab.report.calibration import KINDS, sentence
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import Column, Html, Lead, Section, facts, listed, page, paragraph, picture, table
@@ -93,7 +94,7 @@ def balls_picture(found: BallCalibration) -> "Figure":
     for axes, number in zip(panels, order, strict=False):
         ball, one = found.balls.balls[number], found.errors[number]
         axes.imshow(tone_map(np.asarray(ball.image)[..., :3]))
-        column, row = ball.centre_px
+        column, row = touched_px(ball, found.kept.calibration.setup, found.balls.membrane)
         axes.plot(
             column + ball.contact_radius_px * np.cos(turn),
             row + ball.contact_radius_px * np.sin(turn),

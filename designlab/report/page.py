@@ -31,6 +31,9 @@ FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, s
 COLOURS = ("#1f5fa8", "#d1541e", "#2f855a", "#7b4ea3", "#b7791f", "#4a5568")
 """Colours of figures, in order: blue, orange, green, purple, ochre, grey."""
 
+MICROMETRES = re.compile(r"(?<=\d )um\b")
+"""As messages in ASCII write them."""
+
 LARGE_BYTES = 60_000  # of a picture that is kept in a page as WebP
 WEBP_QUALITY = 90  # of 100: text in plots stays sharp
 
@@ -127,8 +130,18 @@ def page(
 
 
 def paragraph(text: str, *, note: bool = False) -> Html:
-    """One paragraph; text between backquotes is set as code."""
-    return _block("paragraph", text.split("`"), note)
+    """One paragraph, see `prose`."""
+    return _block("paragraph", prose(text), note)
+
+
+def prose(text: str) -> Html:
+    """Text of a message as a page sets it: what stands between backquotes as code, and um as µm."""
+    if isinstance(text, Html):
+        return text
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # a backquote without its partner is a character
+        parts[-2:] = ["`".join(parts[-2:])]
+    return _block("prose", [part if at % 2 else MICROMETRES.sub("µm", part) for at, part in enumerate(parts)])
 
 
 def facts(values: Mapping[str, Any]) -> Html:
@@ -216,8 +229,8 @@ def heading(text: str) -> Html:
 
 
 def listed(lines: Iterable[str]) -> Html:
-    """Lines of a list."""
-    return _block("listed", list(lines))
+    """Lines of a list, see `prose`."""
+    return _block("listed", [prose(line) for line in lines])
 
 
 def word(text: str, kind: str) -> Html:

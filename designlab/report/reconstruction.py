@@ -28,6 +28,7 @@ from designlab.report.page import (
     page,
     paragraph,
     picture,
+    prose,
     table,
     unbroken,
 )
@@ -281,7 +282,7 @@ def _rows_told(rows: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
     rows = [{**row, "shear": _shear_words(row)} for row in rows]
     if len(rows) <= MANY:
         told = [
-            {**row, "file": _called(row), "between": _between(row), "told": "; ".join(row["warnings"])}
+            {**row, "file": _called(row), "between": _between(row), "told": prose("; ".join(row["warnings"]))}
             for row in rows
         ]
         return (table(told, columns),)

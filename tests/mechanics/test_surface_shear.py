@@ -5,7 +5,8 @@ import pytest
 
 from designlab.mechanics.layer import ElasticLayer
 from designlab.mechanics.surface_pressure import SurfacePressure, pressure_under
-from designlab.mechanics.surface_shear import shear_under
+from designlab.mechanics.surface_shear import SurfaceShear, shear_under
+from designlab.reconstruction.reconstructor import _rough
 from designlab.sensor.design import preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
@@ -75,3 +76,31 @@ def test_too_few_markers_are_refused(count):
     pressure = SurfacePressure(flat, 0.0, 0.0, 0.1, flat, ElasticLayer(1.0, 0.49, 2.0), 0.005)
     with pytest.raises(ValueError, match=f"4 or more are needed, got {count}"):
         shear_under(PLACES[:count], PLACES[:count], pressure)
+
+
+@pytest.mark.parametrize(
+    ("force", "error", "modulus", "sd", "expected"),
+    [
+        ((3.0, 4.0), (0.3, 0.3), 1.0, 0.0, (0.3, 0.3)),
+        ((3.0, 4.0), (0.0, 0.0), 2.0, 0.2, (0.6, 0.8)),
+        ((-3.0, 0.0), (0.4, 0.4), 1.0, 0.1, (0.5, 0.4)),
+    ],
+)
+def test_the_error_includes_that_of_the_modulus(force, error, modulus, sd, expected):
+    assert SurfaceShear(force, error, 0.0).error_n(modulus, sd) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("force", "error", "warned"),
+    [
+        ((3.0, 4.0), (0.3, 0.3), False),
+        ((3.0, 4.0), (0.7, 1.0), True),
+        ((0.3, 0.0), (0.3, 0.3), False),  # there may be none
+        ((0.0, 0.0), (0.3, 0.3), False),
+    ],
+)
+def test_a_rough_shear_is_said(force, error, warned):
+    shear = SurfaceShear(force, error, 0.0)
+    told = _rough(shear)
+    assert bool(told) == warned
+    assert not warned or f"known to {shear.relative_error:.0%} only" in told[0]

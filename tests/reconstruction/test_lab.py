@@ -7,11 +7,12 @@ from rival_methods import LookupTable, Perceptron
 from designlab.core.images import read_image
 from designlab.core.metrics import normal_error_deg
 from designlab.reconstruction import gradients_of, integrate, lab, normals
-from designlab.reconstruction.ball_samples import Setup
+from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, smoothing_for
 from designlab.reconstruction.ball_surface import BallSurface
-from designlab.reconstruction.balls import BallPress, ball_gradients, find_contact_circle
+from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.gel_fit import ball_slopes
 from designlab.reconstruction.lab import LeftOut, calibrate, choose_method, left_out_errors, refine_centres
+from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel, Polynomial
 from tests import ROOT
 
@@ -165,10 +166,17 @@ def test_slopes_on_a_dome_are_relative_to_it():
     y, x = (59.5 - ROWS) * PITCH_MM, (COLUMNS - 69.5) * PITCH_MM
     base_p, base_q = -x / 20, -y / 20
     background = picture(base_p, base_q)
+    flat = np.zeros(SHAPE)
+    membrane = Membrane(
+        *(COLUMNS * 1.0, ROWS * 1.0, flat == 0, -(x**2 + y**2) / 40, base_p, base_q, flat, flat),
+        mm_per_px=PITCH_MM,
+        picture_px=SHAPE,
+    )
 
     def pressed(centre, radius_px):
-        p, q, r_px = ball_gradients(SHAPE, centre, ball_radius_mm=RADIUS_MM, mm_per_px=PITCH_MM)
-        gel_p, gel_q, _ = slopes(centre, radius_px)
+        ball = BallPress(background, centre, radius_px)
+        p, q, r_px = ball_truth(ball, SETUP, membrane)
+        gel_p, gel_q = gel_slopes(ball, SETUP, membrane)
         inside = r_px < radius_px
         return np.where(inside, p, base_p + gel_p), np.where(inside, q, base_q + gel_q), r_px
 
@@ -178,12 +186,41 @@ def test_slopes_on_a_dome_are_relative_to_it():
         background,
         SETUP,
         method=Polynomial(position_degrees=(3, 2, 1), ridge=1e-6),
-        base=(base_p, base_q),
+        membrane=membrane,
     )
     p, q, r_px = pressed((52, 66), 12.0)
     found_p, found_q = calibration.gradients(picture(p, q))
     error_deg = normal_error_deg(normals(found_p + base_p, found_q + base_q), normals(p, q))
     assert error_deg[r_px < 12].mean() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("noise", "least", "most"), [(0.0005, 0.7, 0.71), (0.006, 0.75, 1.95), (0.1, 1.99, 2.0)]
+)
+def test_noisier_pictures_are_smoothed_more(noise, least, most):
+    balls = [press(centre, noise=noise, seed=seed) for seed, centre in enumerate(CENTRES[:4])]
+    assert least <= smoothing_for(balls, BACKGROUND) <= most
+
+
+@pytest.mark.parametrize("centre", [(12, 60), (127, 14), (70, 107), (16, 16)])
+def test_a_circle_at_the_border_of_the_picture_is_found(centre):
+    """Light that a contact changes beyond the border has no edge there."""
+    found = find_contact_circle(press(centre, 14.0).image, BACKGROUND)
+    assert found.centre_px == pytest.approx(centre, abs=1.5)
+    assert found.radius_px == pytest.approx(14.0, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sizes", [(2.0, 3.0, 4.0), (3.0, 3.0, 2.5), (2.5, 4.0, 2.5)])
+def test_balls_of_several_sizes_teach_one_map(sizes):
+    def sized(centre, radius_mm):
+        surface = BallSurface(radius_mm, THICKNESS_MM, POISSON)
+        x, y = (COLUMNS - centre[0]) * PITCH_MM, (centre[1] - ROWS) * PITCH_MM
+        p, q = ball_slopes(surface, x, y, 1.2)
+        return BallPress(picture(p, q), centre, 12.0, radius_mm)
+
+    balls = [sized(centre, sizes[number % 3]) for number, centre in enumerate(CENTRES)]
+    assert left_out_errors(balls, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6)).contact_deg < 1.0
 
 
 @pytest.mark.slow

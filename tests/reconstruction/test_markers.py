@@ -77,3 +77,28 @@ def test_markers_survive_a_file():
     again = Markers.from_plain(markers.plain(), (ROWS, COLUMNS, 3))
     assert (again.covered == markers.covered).all()
     assert again.places_px == pytest.approx(markers.places_px, abs=1e-3)
+
+
+@pytest.mark.parametrize(("spacing", "radius"), [(24, 5.0), (40, 7.0), (30, 6.0)])
+def test_markers_on_cells_are_those_of_the_pixels(spacing, radius):
+    """Mode video looks for them on cells of 2 x 2 pixels."""
+    before = grid(spacing, jitter=0.5)
+    shift = 0.1 * spacing * np.stack([np.cos(before[:, 1] / 40), np.sin(before[:, 0] / 50)], axis=1)
+    markers = Markers.found_in(dotted(before, radius))
+    press = dotted(before + shift, radius).astype(np.float32)
+    fine, coarse = markers.followed(press), markers.followed(press, cell_px=2)
+    assert coarse.covered.shape == (ROWS // 2, COLUMNS // 2)
+    assert coarse.places_px == pytest.approx(fine.places_px)
+    assert np.abs(coarse.moved_px - fine.moved_px).max() < 0.2
+    of_pixels = coarse.covered.repeat(2, axis=0).repeat(2, axis=1)
+    dark = (press < 0.7 * light()).all(axis=-1)
+    assert of_pixels[dark].all()
+    assert of_pixels.mean() < 1.6 * fine.covered.mean()
+
+
+def test_small_dots_are_looked_for_on_pixels():
+    before = grid(16)
+    markers = Markers.found_in(dotted(before, 2.0))
+    moved = markers.followed(dotted(before + np.array([1.5, 0.0]), 2.0), cell_px=2)
+    assert len(moved.places_px) > 0.9 * len(before)
+    assert moved.moved_px == pytest.approx(np.tile([1.5, 0.0], (len(moved.places_px), 1)), abs=0.3)

@@ -5,9 +5,14 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import gaussian_filter, label
 
 from designlab.app import cli
 from designlab.core.images import read_image, write_image
+from designlab.mechanics.grid_response import symbol
+from designlab.mechanics.layer import ElasticLayer
+from designlab.mechanics.surface_pressure import pressure_under
+from designlab.reconstruction import reconstructor
 from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration
 from designlab.reconstruction.reconstructor import Reconstructor
 from tests.helpers.ball_pictures import exposed, pressed
@@ -110,6 +115,22 @@ def test_other_sizes_and_other_files_are_refused(calibration_file, tmp_path):
             ("--ball-mm", "6", "--mm-per-px", "0.1"),
             "a.exr: no ball found",
         ),
+        (
+            {"background-1.exr": SHAPE, "background-2.exr": (60, 70)},
+            ("--ball-mm", "6", "--mm-per-px", "0.1"),
+            "background-2.exr: must have the size of background-1.exr",
+        ),
+        ({"background.exr": SHAPE}, ("--crop-px", "0", "0", "9", "9"), "--crop-px: is for --design MODEL"),
+        (
+            {"background.exr": SHAPE},
+            ("--ball-mm", "6", "--design", "digit360-like"),
+            "must have the proportions of the camera's whole picture",
+        ),
+        (
+            {"background.exr": (120, 160)},
+            ("--ball-mm", "6", "--mm-per-px", "3", "--design", "default"),
+            "--mm-per-px: pictures of ",
+        ),
     ],
 )
 def test_what_balls_lack_is_said(tmp_path, files, options, line, capsys):
@@ -190,3 +211,25 @@ def test_real_presses_by_the_two_commands(measured_dir, tmp_path, capsys):
         )
         print(name, shape.depth_mm)
         assert shape.depth_mm == pytest.approx(float(name.partition("_")[2]), abs=0.1)
+
+
+@pytest.mark.parametrize(("specks", "noise_um"), [(0, 0.0), (6, 2.0), (12, 4.0)])
+@pytest.mark.parametrize("second_px", [None, 5.0])
+def test_specks_are_no_contacts(specks, noise_um, second_px):
+    """What a point of the blurred picture or noise presses in is none; a small contact is one."""
+    random = np.random.default_rng(specks)
+    rows, columns = np.indices((90, 120))
+    layer, pitch_mm = ElasticLayer(1.0, 0.49, 2.0), 0.1
+    pressure = np.where(np.hypot(columns - 45, rows - 40) < 12, 0.2, 0.0)
+    if second_px is not None:
+        pressure[np.hypot(columns - 90, rows - 60) < second_px] = 0.2
+    for row, column in zip(random.integers(30, 60, specks), random.integers(60, 75, specks), strict=True):
+        pressure[row, column] = 0.05
+    spectrum = np.fft.rfft2(pressure, s=(180, 240)) * symbol(layer, pitch_mm, 180, 240, "zz")
+    height = np.fft.irfft2(spectrum, s=(180, 240))[:90, :120]
+    height += noise_um / 1000 * gaussian_filter(random.normal(size=height.shape), 1.0) * 3.5
+    found = pressure_under(height, poisson=0.49, thickness_mm=2.0, pitch_mm=pitch_mm)
+    contact = reconstructor._contact(found, (180, 240), 0.1, 2.0)
+    assert label(contact, np.ones((3, 3)))[1] == (1 if second_px is None else 2)
+    assert contact[80, 90]
+    assert second_px is None or contact[120, 180]

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction.calibration_file import load_calibration
 from designlab.reconstruction.colour_table import OUTPUTS, ColourTable
 from designlab.reconstruction.height import integrate, normals
+from designlab.reconstruction.markers import Markers
 from designlab.reconstruction.reconstructor import Reconstructor
 from tests.helpers.ball_pictures import UNTOUCHED, coin, exposed, pressed, pressed_twice
 from tests.reconstruction.test_lab import PITCH_MM, SHAPE, SURFACE, picture, slopes
@@ -138,3 +140,26 @@ def test_a_coin_has_its_relief_in_both_modes(both):
     image = exposed(picture(p, q))
     heights = [both[mode](image, pressure=False).height_mm for mode in BOTH]
     assert np.corrcoef(heights[0].ravel(), heights[1].ravel())[0, 1] > 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("centre", "contact_px"), [((55, 45), 12.0), ((80, 70), 10.0), ((40, 80), 14.0)])
+def test_markers_are_followed_and_left_out_of_a_frame(calibration_file, centre, contact_px):
+    rows, columns = np.indices(SHAPE)
+
+    def dotted(image, moved_px=0.0):
+        r = np.hypot((columns - moved_px + 8) % 16 - 8, (rows + 8) % 16 - 8)
+        return (image * (1 - 0.85 * np.clip(4.0 - r, 0, 1))[..., None]).astype(np.float32)
+
+    kept = load_calibration(calibration_file)
+    markers = Markers.found_in(dotted(UNTOUCHED))
+    assert markers is not None
+    kept = kept._replace(about={**kept.about, "markers": markers.plain()})
+    p, q, r_px = slopes(centre, contact_px)
+    truth_mm = integrate(p, q, pitch_mm=PITCH_MM, boundary="dirichlet")
+    shape = Reconstructor(kept, "video")(dotted(exposed(picture(p, q)), moved_px=1.0))
+    near = r_px < 1.5 * contact_px
+    assert np.sqrt(((shape.height_mm - truth_mm)[near] ** 2).mean()) < 0.12 * truth_mm.max()
+    assert shape.markers is not None
+    assert len(shape.markers.places_mm) > 0.8 * len(markers.places_px)
+    assert np.median(shape.markers.moved_mm, axis=0) == pytest.approx((PITCH_MM, 0.0), abs=0.02)

@@ -21,10 +21,12 @@ from designlab.report.page import (
     gallery,
     label,
     link,
+    listed,
     page,
     paragraph,
     picture,
     plotly_figure,
+    prose,
     rounded,
     table,
 )
@@ -91,6 +93,22 @@ PIXEL = base64.b64decode(
 )
 def test_numbers_are_rounded_to_their_standard_error(value, se, text):
     assert rounded(value, se) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "html"),
+    [
+        ("see `designlab info`", "see <code>designlab info</code>"),
+        ("off by 12 um, not 3 umbrellas", "off by 12 µm, not 3 umbrellas"),
+        ("`a 5 um` and 5 um", "<code>a 5 um</code> and 5 µm"),
+        ("one ` alone, 2 um <b>", "one ` alone, 2 µm &lt;b&gt;"),
+        ("`a` and ` alone", "<code>a</code> and ` alone"),
+    ],
+)
+def test_messages_are_set_as_prose(text, html):
+    assert prose(text) == html
+    assert html in paragraph(text)
+    assert f"<li>{html}</li>" in listed([text])
 
 
 def test_labels_carry_the_unit_in_brackets():

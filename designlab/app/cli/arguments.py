@@ -213,7 +213,26 @@ def _add_designs(add: Any) -> None:
     _option(balls, "--ball-mm D", "diameter of the ball (mm)", type=float, default=None)
     _option(balls, "--mm-per-px S", "size of a pixel at the gel (mm)", type=float, default=None)
     _option(
-        balls, "--thickness-mm T", "thickness of the gel (mm); fitted when absent", type=float, default=None
+        balls,
+        "--thickness-mm T",
+        "thickness of the gel (mm); that of --design, or fitted, when absent",
+        type=float,
+        default=None,
+    )
+    _option(
+        balls,
+        "--design MODEL",
+        "of a dome, or behind a lens that bends: preset or design file that says where pixels see the gel, "
+        "and how steep it is there; its light does not matter",
+        default=None,
+    )
+    _option(
+        balls,
+        "--crop-px N",
+        "with --design, the part of the camera's sensor that pictures show: left, top, width, height",
+        nargs=4,
+        type=int,
+        default=None,
     )
     _option(
         calibrate,

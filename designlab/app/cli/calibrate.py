@@ -10,8 +10,12 @@ from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from designlab.inference.calibration import Calibration
+    from designlab.inference.calibration.balls import BallSet
     from designlab.measurement import Measurement
+    from designlab.reconstruction.membrane import Membrane
     from designlab.sensor.design import Design
     from designlab.simulation.directional_light import DirectionalLight
     from designlab.simulation.effects.model import SensorModel
@@ -19,7 +23,7 @@ if TYPE_CHECKING:
 DESIGN, RESULT, PICTURE, PAGE = "calibrated.toml", "calibration.json", "residual.png", "report.html"
 MAP = "calibration.npz"
 OF_DESIGNS = ("measurement", "model", "baseline", "free", "layout")
-OF_BALLS = ("ball_mm", "mm_per_px", "thickness_mm")
+OF_BALLS = ("ball_mm", "mm_per_px", "thickness_mm", "design", "crop_px")
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 
@@ -103,13 +107,23 @@ def _on_balls(args: Namespace) -> Result:
     """Teach a map from pictures to shape on ball presses, and write it as one file."""
     from designlab.core.store import atomic_folder, write_json
     from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from designlab.inference.calibration.from_model import gel_of
     from designlab.reconstruction.calibration_file import save_calibration
     from designlab.report.ball_calibration import ball_calibration_report
 
-    balls = load_balls(args.balls, ball_mm=args.ball_mm, mm_per_px=args.mm_per_px)
+    design = _design(args)
+    balls = load_balls(
+        args.balls,
+        ball_mm=args.ball_mm,
+        mm_per_px=args.mm_per_px,
+        membrane_of=None if design is None else _membrane_of(args, design),
+    )
+    thickness_mm, poisson = (None, None) if design is None else gel_of(design)
+    if args.thickness_mm is not None:
+        thickness_mm = args.thickness_mm
     require_writable(args.out, made_with=RESULT)
     with bar(form=IN_PERCENT, keep=True) as progress:
-        found = calibrate_balls(balls, thickness_mm=args.thickness_mm, progress=progress)
+        found = calibrate_balls(balls, thickness_mm=thickness_mm, poisson=poisson, progress=progress)
     out, verdict, mean = Path(args.out), found.verdict(), found.mean
     data = {
         "fit_verdict": verdict.word,
@@ -120,7 +134,7 @@ def _on_balls(args: Namespace) -> Result:
         "worst": [
             {"file": file, "normal_error_deg": one.contact_deg, "why": why} for file, one, why in found.odd()
         ],
-        "notes": list(balls.notes),
+        "notes": [*balls.notes, *_laid(args, balls)],
         "files": {"calibration": str(out / MAP), "result": str(out / RESULT), "report": str(out / PAGE)},
     }
     with atomic_folder(out, replace=True) as folder:
@@ -129,6 +143,7 @@ def _on_balls(args: Namespace) -> Result:
         ball_calibration_report(found, folder, folder / PAGE, calibration=str(out / MAP))
     lines = [
         *balls.notes,
+        *_laid(args, balls),
         f"balls left out: normals off {mean.contact_deg:.2f} deg, heights {1000 * mean.height_mm:.0f} um",
         f"fit: {verdict.word}",
         *(f"reason: {reason}" for reason in verdict.reasons),
@@ -137,6 +152,45 @@ def _on_balls(args: Namespace) -> Result:
         f"report: {out / PAGE}",
     ]
     return Result(data, "\n".join(lines), FAILED if verdict.word == "failed" else DONE)
+
+
+def _laid(args: Namespace, balls: "BallSet") -> list[str]:
+    """How pictures were laid on the membrane of a design."""
+    if balls.membrane is None:
+        return []
+    rows, columns = balls.membrane.columns.shape
+    return [
+        f"pictures are laid on the membrane of {args.design}: {columns} x {rows} points, "
+        f"{balls.membrane.mm_per_px:.4g} mm apart; heights and normals are those of the indentation"
+    ]
+
+
+def _design(args: Namespace) -> "Design | None":
+    """The design whose gel and camera are taken as known; None without one."""
+    from designlab.simulation.effects.model import load_model
+
+    if args.design is not None:
+        return load_model(args.design).effective_design()
+    if args.crop_px is not None:
+        raise ValueError("--crop-px: is for --design MODEL; give that, or leave it out")
+    return None
+
+
+def _membrane_of(args: Namespace, design: "Design") -> "Callable[[tuple[int, ...]], Membrane]":
+    """How pictures show the membrane, by the design that is named."""
+    from designlab.inference.calibration.from_model import membrane_of
+
+    crop_px = None if args.crop_px is None else tuple(args.crop_px)
+
+    def found(shape: tuple[int, ...]) -> "Membrane":
+        try:
+            return membrane_of(design, shape, crop_px=crop_px, mm_per_px=args.mm_per_px)
+        except ValueError as error:
+            field, _, rule = str(error).partition(": ")
+            options = {"crop_px": "--crop-px", "mm_per_px": "--mm-per-px"}
+            raise ValueError(f"{options.get(field, f'--balls: {args.balls}')}: {rule}") from None
+
+    return found
 
 
 def _start(args: Namespace) -> "SensorModel | DirectionalLight":

@@ -217,7 +217,7 @@ def _markers_told(shape: "PressShape", modulus: Modulus | None) -> dict[str, Any
     if shear is not None and modulus is not None:
         told |= {
             "shear_n": list(shear.force_n(modulus.mpa)),
-            "shear_error_n": list(shear.error_n(modulus.mpa)),
+            "shear_error_n": list(shear.error_n(modulus.mpa, modulus.sd_mpa)),
         }
     return told
 

@@ -27,12 +27,14 @@ from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.lab import LabCalibration, calibrate_on_shapes
 from designlab.reconstruction.markers import Markers, without
+from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Method
 from designlab.sensor.camera import View
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.simulator import Frame, Simulator, exposure
+from geometries.elastomer import base_gradient, base_mm, inside
 
 COLUMNS = 160  # of the simulated pictures; the map knows places as shares of the picture
 TESTS = 4  # simulated presses that do not teach
@@ -44,6 +46,8 @@ STRUCTURE, COLOUR = (
     0.25,
 )  # differences of the untouched gel from which the model is doubtful; gains cancel
 UNEVEN_SCALE = 0.03  # difference of the size of a pixel over the picture that is worth a note
+STEEPEST = math.tan(math.radians(70))  # slope of the membrane, beyond which a picture shows next to nothing
+OTHER_SCALE = 0.15  # difference of a stated scale, from which it is another one
 CHANNELS = ("R", "G", "B")
 
 
@@ -157,6 +161,56 @@ def views_that_fit(design: Design, shape: tuple[int, ...], crop_px: Crop | None 
             "--crop-px"
         )
     return fits
+
+
+def membrane_of(
+    design: Design, shape: tuple[int, ...], *, crop_px: Crop | None = None, mm_per_px: float | None = None
+) -> Membrane:
+    """The undeformed membrane of a design as pictures of a shape show it, without rendering any.
+
+    Parameters
+    ----------
+    design : Design
+        Gel, core and camera of the sensor; its light does not matter.
+    shape : tuple of int
+        Rows, columns and channels of the pictures.
+    crop_px : tuple of int, optional
+        See `views_that_fit`.
+    mm_per_px : float, optional
+        Size of a pixel at the gel, which tells whether pictures show the camera's whole picture or the
+        sensing area; the whole picture when absent.
+
+    Raises
+    ------
+    ValueError
+        If the pictures fit the camera in no way, or their scale is another.
+    """
+    found = {}
+    for name, view in views_that_fit(design, shape, crop_px).items():
+        simulator = Simulator(design, view=view, seed=0)
+        x, y = simulator.rays.hit(simulator.surface(None))
+        p, q = base_gradient(design.elastomer, x, y)
+        gel = inside(design.elastomer, x, y) & (np.hypot(p, q) < STEEPEST)
+        sight = simulator.rays.slope_x, simulator.rays.slope_y
+        found[name] = Membrane.of((x, y), base_mm(design.elastomer, x, y), (p, q), sight, gel)
+    if mm_per_px is None:
+        return next(iter(found.values()))
+    name = min(found, key=lambda name: abs(math.log(found[name].mm_per_px / mm_per_px)))
+    if abs(found[name].mm_per_px / mm_per_px - 1) > OTHER_SCALE:
+        raise ValueError(
+            f"mm_per_px: pictures of {name} have {found[name].mm_per_px:.4g} mm a pixel by the design, "
+            f"and {mm_per_px:.4g} is stated; correct the design or the scale, or state with --crop-px which "
+            "part of the camera's sensor the pictures show"
+        )
+    return found[name]
+
+
+def gel_of(design: Design) -> tuple[float, float | None]:
+    """Thickness (mm) and Poisson's ratio of a design's gel; no ratio where its contact knows none."""
+    thickness_mm = design.elastomer.thickness_mm
+    if not isinstance(design.contact, LayerContact):
+        return thickness_mm, None
+    return thickness_mm, design.contact.layer(thickness_mm=thickness_mm).poisson
 
 
 def teach_on_model(
