@@ -352,13 +352,14 @@ def calibrate_balls(
     known, setup, gel = known_gel(refined, balls.background, setup, membrane)
     work.step(parts["gel"])
     work.begin("balls left out")
+    ways: list[tuple[Setup, Method]] = []
     if method is None:
         smoothing_px = smoothing_for(known, balls.background)
         detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
         by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
-        ways = [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
+        ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
     else:
-        ways = [(setup, method)]
+        ways.append((setup, method))
     tried = []
     for each in ways:
         left_out = left_out_of_each(known, balls.background, each[0], method=each[1], membrane=membrane)
