@@ -333,16 +333,14 @@ def calibrate_balls(
     thickness_mm, poisson : float, optional
         Of the gel, where they are known; the thickness is fitted, Poisson's ratio usual when absent.
     method : Method, optional
-        See `reconstruction.methods`; the kernel that suits the balls when absent.
+        See `reconstruction.methods`. When absent, what errs least on the balls left out: smoothing by the
+        pictures' noise with the kernel that suits it, or what serves most sensors.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
     """
-    parts = {"centres of the balls": 14, "gel": 4, "balls left out": 3, "calibration": 2}
+    parts = {"centres of the balls": 14, "gel": 4, "balls left out": 6, "calibration": 2}
     work = Work(progress, parts)
-    smoothing_px = smoothing_for(balls.balls, balls.background)
-    setup = Setup(balls.radius_mm, balls.mm_per_px, thickness_mm=thickness_mm, smoothing_px=smoothing_px)
-    if smoothing_px < ROUNDS_RIMS_PX:
-        setup = setup._replace(detail=0.0)
+    setup = Setup(balls.radius_mm, balls.mm_per_px, thickness_mm=thickness_mm)
     if poisson is not None:
         setup = setup._replace(poisson=poisson)
     work.begin("centres of the balls")
@@ -354,10 +352,20 @@ def calibrate_balls(
     known, setup, gel = known_gel(refined, balls.background, setup, membrane)
     work.step(parts["gel"])
     work.begin("balls left out")
+    ways: list[tuple[Setup, Method]] = []
     if method is None:
-        setup, method = suited(known, balls.background, setup, membrane=membrane)
-    errors = left_out_of_each(known, balls.background, setup, method=method, membrane=membrane)
-    work.step(parts["balls left out"])
+        smoothing_px = smoothing_for(known, balls.background)
+        detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
+        by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
+        ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
+    else:
+        ways.append((setup, method))
+    tried = []
+    for each in ways:
+        left_out = left_out_of_each(known, balls.background, each[0], method=each[1], membrane=membrane)
+        tried.append((float(np.mean([error.contact_deg for error in left_out])), left_out, each))
+        work.step(parts["balls left out"] / len(ways))
+    _, errors, (setup, method) = min(tried, key=lambda one: one[0])
     work.begin("calibration")
     calibration = calibrate(known, balls.background, setup, method=method, membrane=membrane)
     work.end()
