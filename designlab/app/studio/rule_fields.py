@@ -24,6 +24,13 @@ RULE_FIELDS: dict[str, tuple[str, ...]] = {
     "view_through_plate": ("housing.camera_hole_mm", "camera.position_mm"),
     "mirror_fills_view": ("camera.position_mm", "sensing_area_mm"),
     "mirror_above_core": ("camera.position_mm", "gelcore.height_mm"),
+    "seats_hold_core": ("gelcore.window_diameter_mm", "gelcore.width_mm"),
+    "seats_centre_core": ("housing.inner_radius_mm", "leds.radius_mm"),
+    "seats_outside_view": ("gelcore.window_diameter_mm", "camera.position_mm"),
+    "seats_clear_of_leds": ("leds.radius_mm", "leds.height_mm"),
+    "camera_board_fits": ("camera.body_radius_mm",),
+    "camera_board_above_plate": ("housing.top_mm", "camera.position_mm"),
+    "camera_board_above_core": ("camera.position_mm", "gelcore.height_mm"),
     "minimum_wall": ("housing.wall_mm",),
     "minimum_gel": ("elastomer.thickness_mm",),
 }
