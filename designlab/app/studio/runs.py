@@ -8,13 +8,13 @@ import tempfile
 from pathlib import Path
 from typing import IO, Any
 
-COMMAND = (
-    sys.executable,
-    "-c",
-    "import sys; from designlab.app.cli import main; sys.exit(main(sys.argv[1:]))",
-    "study",
-    "run",
-)
+PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a studio in the background ignores
+from designlab.app.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+COMMAND = (sys.executable, "-c", PROGRAM, "study", "run")
 INTERRUPTED = 130  # exit status of a command that was interrupted
 LAST_BYTES = 4000
 END_S = 10.0

@@ -8,8 +8,9 @@ from designlab.app.studio import runs
 from tests.helpers.processes import until
 
 PROGRAM = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored
 folder = Path(sys.argv[1])
 (folder / "begun").touch()
 try:
