@@ -77,11 +77,6 @@ class EvaluationProtocol:
     model: SensorModel | None = None
     markers: Markers | None = None
 
-    @property
-    def bent(self) -> bool:
-        """Whether the membrane or the lens is bent, so that pixels differ in size."""
-        return self.design.elastomer.shape != "flat" or not self.design.camera.is_plain
-
     def with_markers(self, untouched: Frame, again: Frame) -> Self:
         """Find the printed markers of the untouched gel, if the design has any."""
         if not self.design.optics.marker_pitch_mm:
@@ -178,7 +173,7 @@ class EvaluationProtocol:
             image=image,
             normals=estimated,
             true_normals=truth,
-            height_mm=_height_mm(found, frame, bent=self.bent),
+            height_mm=_height_mm(found, frame),
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )
@@ -193,19 +188,13 @@ def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
         return list(pool.map(work, range(count)))
 
 
-def _height_mm(found: GradientEstimate, frame: Frame, *, bent: bool = False) -> Array:
+def _height_mm(found: GradientEstimate, frame: Frame) -> Array:
     """Height above the undeformed membrane, from the border of the picture inwards.
-
-    Where the membrane or the lens is bent, pixels see points that are not as far from each other everywhere.
 
     Slopes leave an offset open. Kernel contact has its border at 0; where a bulge reaches it, the border is
     as high as it truly is on average.
     """
-    if bent:
-        at_rest = replace(frame.surface, height_mm=np.zeros_like(frame.surface.height_mm))
-        height_mm = found.height_seen_mm(*frame.rays.hit(at_rest))
-    else:
-        height_mm = found.height_mm(pitch_mm=frame.rays.pitch_mm)
+    height_mm = found.height_mm(pitch_mm=frame.rays.pitch_mm)
     if not frame.surface.bulges:
         return height_mm
     true = frame.height_mm

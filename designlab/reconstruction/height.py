@@ -109,23 +109,6 @@ def normals(p: ArrayLike, q: ArrayLike) -> Array:
     return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
 
 
-def from_pixel_to_pixel(p: Array, q: Array, x_mm: Array, y_mm: Array) -> tuple[Array, Array]:
-    """Changes of height from a pixel to the next to the right, and to the next above (mm).
-
-    Integrated with a pitch of 1 they give heights where pixels do not see points of one distance: on a dome,
-    or behind a lens that bends.
-
-    Parameters
-    ----------
-    p, q : array, shape (rows, columns)
-        Slopes dz/dx and dz/dy.
-    x_mm, y_mm : array, same shape
-        Point that each pixel sees.
-    """
-    (x_down, x_right), (y_down, y_right) = np.gradient(x_mm), np.gradient(y_mm)
-    return np.asarray(p * x_right + q * y_right), np.asarray(-(p * x_down + q * y_down))
-
-
 def gradients_of(height_mm: ArrayLike, *, pitch_mm: float) -> tuple[Array, Array]:
     """Central differences p = dz/dx, q = dz/dy of a height (mm) on a grid whose row 0 is at +y."""
     height_mm = np.asarray(height_mm, dtype=float)

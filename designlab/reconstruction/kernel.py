@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
-from designlab.reconstruction.height import from_pixel_to_pixel, integrate, normals
+from designlab.reconstruction.height import integrate, normals
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
 from designlab.reconstruction.pictures import centred, check_mask, checked_image, colour_change, thinned
 
@@ -30,15 +30,13 @@ class GradientEstimate(NamedTuple):
 
     def height_mm(self, *, pitch_mm: float | tuple[float, float]) -> Array:
         """Height above the border of the picture, all of which is held at 0; see `integrate`."""
-        return self._integrated(self.p, self.q, pitch_mm)
-
-    def height_seen_mm(self, x_mm: Array, y_mm: Array) -> Array:
-        """The same where pixels see points (mm) that are not as far from each other everywhere."""
-        return self._integrated(*from_pixel_to_pixel(self.p, self.q, x_mm, y_mm), 1.0)
-
-    def _integrated(self, p: Array, q: Array, pitch_mm: float | tuple[float, float]) -> Array:
         return integrate(
-            p, q, pitch_mm=pitch_mm, boundary="dirichlet", weights=self.weights, tolerance=_TOLERANCE
+            self.p,
+            self.q,
+            pitch_mm=pitch_mm,
+            boundary="dirichlet",
+            weights=self.weights,
+            tolerance=_TOLERANCE,
         )
 
 

@@ -556,6 +556,7 @@ def test_a_comparison_needs_two_designs_and_its_option(run, words):
 
 
 @pytest.mark.slow
+@pytest.mark.renders
 def test_export_writes_files_that_pass_their_checks(run_json, tmp_path):
     out = tmp_path / "parts"
     status, found = run_json("export", "default", "--out", out, "--probe", "sphere:4")

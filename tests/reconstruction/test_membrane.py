@@ -8,7 +8,7 @@ from designlab.inference.calibration.balls import BallSet, calibrate_balls
 from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, touched_px
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import load_calibration, save_calibration
-from designlab.reconstruction.height import from_pixel_to_pixel, integrate, normals
+from designlab.reconstruction.height import normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel
 from designlab.reconstruction.reconstructor import Reconstructor
@@ -74,15 +74,6 @@ def test_a_picture_of_another_size_is_refused(shape):
     membrane = Membrane.of(*seen(LENSES["even"]))
     with pytest.raises(ValueError, match=f"must be {COLUMNS} x {ROWS} pixels"):
         membrane.laid_out(np.zeros(shape))
-
-
-@pytest.mark.parametrize("name", LENSES)
-def test_heights_where_pixels_differ_in_size(name):
-    (x, y), *_ = seen(LENSES[name])
-    height = 0.5 * np.exp(-(x**2 + y**2) / 4)
-    p, q = -x / 2 * height, -y / 2 * height
-    found = integrate(*from_pixel_to_pixel(p, q, x, y), pitch_mm=1.0, boundary="dirichlet")
-    assert np.abs(found - height).max() < 0.01
 
 
 @pytest.fixture(scope="module")
