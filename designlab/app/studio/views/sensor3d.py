@@ -6,6 +6,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 WIDTH_PX, HEIGHT_PX = 296, 260
+ANSWER_S = 30.0  # that a busy page may take
 FAR = 1.45  # of the camera, in heights of the sensor
 NO_WEBGL = "This browser has no WebGL: the sensor is not drawn."
 HAS_WEBGL = "!!document.createElement('canvas').getContext('webgl2')"
@@ -28,7 +29,12 @@ class Sensor3d:
         if self._asked:
             return self._scene is not None
         self._asked = True
-        if not await self._client.run_javascript(HAS_WEBGL, timeout=10.0):
+        try:
+            drawn = await self._client.run_javascript(HAS_WEBGL, timeout=ANSWER_S)
+        except TimeoutError:  # the page is busy, or gone; the next drawing asks again
+            self._asked = False
+            return False
+        if not drawn:
             self._words.set_text(NO_WEBGL)
             return False
         with self._box:
