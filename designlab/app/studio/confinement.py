@@ -52,6 +52,12 @@ def new_file(root: Path, name: str, suffix: str) -> Path:
     return inside(root, stem + suffix)
 
 
+def files_below(root: Path, pattern: str) -> list[Path]:
+    """Files whose name fits a pattern, to two levels down, each once; none that a link leads out to."""
+    found = {path.resolve() for depth in ("", "*/", "*/*/") for path in root.glob(depth + pattern)}
+    return sorted(path for path in found if path.is_relative_to(root.resolve()))
+
+
 def shown(root: Path, path: Path) -> str:
     """The path as people read it: relative to the folder."""
     return path.resolve().relative_to(root.resolve()).as_posix()

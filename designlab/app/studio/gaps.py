@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from designlab.app.studio.confinement import files_below
 from designlab.app.studio.messages import GapJob
 from designlab.core.images import png_bytes, resize_area, to_srgb
 from designlab.core.store import read_json
@@ -60,9 +61,7 @@ class GapPictures(NamedTuple):
 
 def measurements(root: Path, named: str) -> list[Path]:
     """Folders of measurements under a folder, those whose name a diagnosis states first."""
-    found = []
-    for pattern in ("measurement.toml", "*/measurement.toml", "*/*/measurement.toml"):
-        found += [path.parent for path in sorted(root.glob(pattern))]
+    found = [path.parent for path in files_below(root, "measurement.toml")]
 
     def other(folder: Path) -> bool:
         try:

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from designlab.app.studio.access import Guard, is_local, new_token
-from designlab.app.studio.confinement import OutsideFolder, inside, new_file, shown
+from designlab.app.studio.confinement import OutsideFolder, files_below, inside, new_file, shown
 
 
 @pytest.mark.parametrize("name", ["a.toml", "sub/a.toml", "sub/../a.toml", "."])
@@ -21,6 +21,17 @@ def test_names_that_lead_out_are_refused(tmp_path, name):
     (root / "link").symlink_to(tmp_path)
     with pytest.raises(OutsideFolder):
         inside(root, name)
+
+
+@pytest.mark.parametrize("pattern", ["study.toml", "*.toml"])
+def test_files_are_listed_two_levels_down_and_not_where_links_lead_out(tmp_path, pattern):
+    root = tmp_path / "root"
+    for place in ("root/a", "root/b/c", "root/b/c/d", "elsewhere"):
+        (tmp_path / place).mkdir(parents=True)
+        (tmp_path / place / "study.toml").touch()
+    (root / "link").symlink_to(tmp_path / "elsewhere")
+    (root / "a" / "outside.toml").symlink_to(tmp_path / "elsewhere" / "study.toml")
+    assert [shown(root, path) for path in files_below(root, pattern)] == ["a/study.toml", "b/c/study.toml"]
 
 
 @pytest.mark.parametrize("name", ["sensor", "my sensor.toml", "v1.2_b-3"])

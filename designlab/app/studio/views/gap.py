@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from designlab.app.studio.confinement import OutsideFolder, inside, shown
+from designlab.app.studio.confinement import OutsideFolder, files_below, inside, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.gaps import REPORT, GapPictures, GapState, Knob, measurements, report_of
 from designlab.app.studio.messages import GapJob, Reply
@@ -66,12 +66,8 @@ class GapView:
     def shown(self) -> None:
         """Find the diagnoses there are, and show the one that was asked for."""
         root = self._page.root
-        found = sorted(
-            shown(root, path.parent)
-            for pattern in (REPORT, f"*/{REPORT}", f"*/*/{REPORT}")
-            for path in root.glob(pattern)
-            if (path.parent / "model.toml").is_file()
-        )
+        reports = files_below(root, REPORT)
+        found = [shown(root, path.parent) for path in reports if (path.parent / "model.toml").is_file()]
         there = bool(found)
         self._empty.set_visibility(not there)
         for part in (self._bar, self._verdict, self._more, self._state, self._pictures, self._rms):

@@ -5,6 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
+from designlab.app.studio.confinement import files_below, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.views.dialogs import copy_dialog, export_dialog, save_dialog
 from designlab.sensor.design import preset_names
@@ -74,12 +75,8 @@ class Header:
 
     def _sources(self) -> list[str]:
         root = self._page.root
-        files = sorted(
-            path.relative_to(root).as_posix()
-            for pattern in ("*.toml", "*/*.toml")
-            for path in root.glob(pattern)
-            if path.name not in ("study.toml", "measurement.toml", "pyproject.toml")
-        )
+        others = ("study.toml", "measurement.toml", "pyproject.toml")
+        files = [shown(root, path) for path in files_below(root, "*.toml") if path.name not in others]
         return [*preset_names(), *files[:MOST_FILES]]
 
     def _opened(self, event: Any) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from designlab.app.studio.confinement import OutsideFolder, inside, shown
+from designlab.app.studio.confinement import OutsideFolder, files_below, inside, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import Relief, Reply, UploadJob
 from designlab.app.studio.uploads import MOST_BYTES, SUFFIXES
@@ -54,9 +54,7 @@ class ReconstructView:
     def shown(self) -> None:
         """Find the calibrations there are."""
         root = self._page.root
-        found = sorted(
-            shown(root, path) for pattern in ("*.npz", "*/*.npz", "*/*/*.npz") for path in root.glob(pattern)
-        )
+        found = [shown(root, path) for path in files_below(root, "*.npz")]
         self._by.set_options([BY_DESIGN, *found])
 
     def _upload(self, label: str, got: Any, name: str) -> None:

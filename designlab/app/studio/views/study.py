@@ -6,7 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from designlab.app.studio.confinement import OutsideFolder, inside, shown
+from designlab.app.studio.confinement import OutsideFolder, files_below, inside, shown
 from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import Reply, StudyJob
 from designlab.app.studio.opened import STUDY_FILE
@@ -52,11 +52,7 @@ class StudyView:
     def shown(self) -> None:
         """Find the studies there are, and show the one that was asked for."""
         root = self._page.root
-        found = sorted(
-            shown(root, path.parent)
-            for pattern in (STUDY_FILE, f"*/{STUDY_FILE}", f"*/*/{STUDY_FILE}")
-            for path in root.glob(pattern)
-        )
+        found = [shown(root, path.parent) for path in files_below(root, STUDY_FILE)]
         wanted = self._page.address.folder
         there = bool(found)
         self._empty.set_visibility(not there)
