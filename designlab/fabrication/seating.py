@@ -11,10 +11,12 @@ from shapely.geometry import box as rectangle
 from designlab.fabrication.boards.layout import Board
 from designlab.sensor import seating
 from designlab.sensor.design import Design
-from geometries import seats
+from geometries import camera_head, seats
+from geometries.blocks import Prism
+from geometries.camera_head import Mount
 from geometries.leds import bodies
 from geometries.mesh import solids
-from geometries.seats import Mount, Plate, Prism
+from geometries.seats import Plate
 
 if TYPE_CHECKING:
     import cadquery
@@ -126,16 +128,16 @@ def screw_length_mm(mount: Mount, top_mm: float) -> float:
     SeatError
         If even the shortest does not.
     """
-    room = seats.lid_top_mm(mount) - (top_mm + TIP_MM)
+    room = camera_head.lid_top_mm(mount) - (top_mm + TIP_MM)
     deep = mount.fastener.insert_length_mm + 0.5
-    least = seats.lid_top_mm(mount) - mount.seat_mm + mount.fastener.thread_mm
+    least = camera_head.lid_top_mm(mount) - mount.seat_mm + mount.fastener.thread_mm
     fit = [length for length in mount.fastener.lengths_mm if least <= length <= min(room, least + deep)]
     if not fit:
         raise SeatError(
             f"housing.top_mm: no screw {mount.fastener.title} holds the lid and stays out of the light path: "
             f"it must be {least:.3g} to {room:.3g} mm long; lower housing.top_mm, or raise camera.position_mm"
         )
-    reach = seats.lid_top_mm(mount) - mount.seat_mm + deep
+    reach = camera_head.lid_top_mm(mount) - mount.seat_mm + deep
     return max((length for length in fit if length <= reach), default=fit[0])
 
 
@@ -162,16 +164,16 @@ def seated_parts(design: Design, boards: Sequence[Board]) -> dict[str, "cadquery
             f"housing.seats: the body falls into {len(body.vals())} pieces; raise housing.wall_mm or give "
             "the boards more room"
         )
-    made = {"housing": body, "lid": seats.lid(housing, mount)}
+    made = {"housing": body, "lid": camera_head.lid(housing, mount)}
     if seats.rings(design.leds):
         window_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
         board_mm = next((plate.origin[2] for plate in found_plates if plate.ring), window_mm)
         ring = seats.core_ring(housing, design.gelcore, design.leds, window_mm=window_mm, board_mm=board_mm)
         made["core_ring"] = ring
-    made["camera"] = seats.camera_solid(mount)
+    made["camera"] = camera_head.camera_solid(mount)
     found: dict[str, cadquery.Shape] = {name: solids(work)[0] for name, work in made.items()}
     compound = cadquery.Compound.makeCompound
     if housing.seats.fastening == "insert":
-        found["inserts"] = compound(seats.insert_solids(mount))
-    found["screws"] = compound(seats.screw_solids(housing.seats, mount, length))
+        found["inserts"] = compound(camera_head.insert_solids(mount))
+    found["screws"] = compound(camera_head.screw_solids(housing.seats, mount, length))
     return found

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from designlab.fabrication.seating import BOUGHT, screw_length_mm
 from designlab.sensor.design import Design
 from designlab.sensor.seating import mount
+from geometries.camera_head import screw_places
 from geometries.leds import LedGroup, bodies, emitters
-from geometries.seats import screw_places
 
 if TYPE_CHECKING:
     import cadquery

@@ -5,7 +5,8 @@ from typing import Any
 
 from designlab.sensor.data import table
 from designlab.sensor.parts import Parts
-from geometries.seats import CameraBoard, Fastener, Inside, Mount
+from geometries.camera_head import CameraBoard, Fastener, Mount
+from geometries.seats import Inside
 from geometries.seats import inside as _inside
 
 SCREW = "M2"

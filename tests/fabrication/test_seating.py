@@ -20,7 +20,7 @@ from designlab.fabrication.triangles import THINNING_MM, read
 from designlab.report import build_guide
 from designlab.sensor import seating
 from designlab.sensor.design import Design, preset
-from geometries import seats
+from geometries import camera_head
 
 SEATED = ("default", "gelsight-mini-like", "gelsight-2020-dome-core-elastic", "pbr-fingertip-like")
 Shapes = dict[str, cadquery.Shape]
@@ -102,7 +102,7 @@ def test_screws_end_inside_the_body(name: str) -> None:
     design = preset(name)
     mount = seating.mount(design)
     length = screw_length_mm(mount, design.housing.top_mm)
-    tip = seats.lid_top_mm(mount) - length
+    tip = camera_head.lid_top_mm(mount) - length
     assert design.housing.top_mm < tip < mount.seat_mm - 2
 
 

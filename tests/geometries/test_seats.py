@@ -6,7 +6,8 @@ from pydantic import ValidationError
 
 from designlab.sensor import seating
 from designlab.sensor.design import preset
-from geometries import gelcore, seats
+from geometries import camera_head, gelcore, seats
+from geometries.blocks import Ring, ring
 from geometries.housing import Housing, Seats
 from geometries.mesh import from_solid
 
@@ -95,7 +96,7 @@ def test_body_and_lid_are_one_closed_solid_each_whose_holes_are_the_designs(fit,
     design = preset("default").replace({"housing.seats": options})
     mount = seating.mount(design)
     body = seats.body(design.housing, seating.inside(design), [], [], mount)
-    lid = seats.lid(design.housing, mount)
+    lid = camera_head.lid(design.housing, mount)
     for work in (body, lid):
         assert len(work.vals()) == 1
         assert work.val().isValid()
@@ -103,7 +104,7 @@ def test_body_and_lid_are_one_closed_solid_each_whose_holes_are_the_designs(fit,
     box = body.val().BoundingBox()
     assert (box.zmin, box.zmax) == pytest.approx((design.housing.bottom_mm, mount.seat_mm), abs=1e-6)
     holes = [face for face in body.val().Faces() if face.geomType() == "CYLINDER"]
-    hole_mm = seats.screw_hole_mm(design.housing.seats, mount)[0]
+    hole_mm = camera_head.screw_hole_mm(design.housing.seats, mount)[0]
     radii = [face._geomAdaptor().Cylinder().Radius() for face in holes]
     assert sum(abs(radius - hole_mm / 2) < 1e-6 for radius in radii) == len(mount.board.holes_mm)
     reach = design.housing.inner_radius_mm + design.housing.wall_mm
@@ -114,7 +115,7 @@ def test_body_and_lid_are_one_closed_solid_each_whose_holes_are_the_designs(fit,
 @pytest.mark.parametrize("slope_deg", [-10.0, 5.0, 20.0])
 def test_the_collar_follows_a_sloping_window(slope_deg):
     slope = np.tan(np.radians(slope_deg))
-    collar = seats._ring(seats.Ring(8.0, 9.2, 10.0, 20.0, slope)).val()
+    collar = ring(Ring(8.0, 9.2, 10.0, 20.0, slope)).val()
     assert collar.isValid()
     mean_height = 20.0 - 10.0  # the plane cuts as much off one side as it leaves on the other
     assert collar.Volume() == pytest.approx(np.pi * (9.2**2 - 8.0**2) * mean_height, rel=1e-6)
