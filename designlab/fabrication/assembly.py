@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.fabrication.boards.layout import Board
+from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.checks import FileCheck, overlap_mm3
 from designlab.fabrication.seating import plates
 from designlab.sensor.design import Design

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from designlab.fabrication.boards.layout import Board
+from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.seating import seated_parts
 from designlab.sensor.design import Design
 from geometries import elastomer, gelcore, housing, leds, probes

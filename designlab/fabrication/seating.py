@@ -8,7 +8,7 @@ import numpy as np
 from shapely.geometry import Point
 from shapely.geometry import box as rectangle
 
-from designlab.fabrication.boards.layout import Board
+from designlab.fabrication.boards.drawn import Board
 from designlab.sensor import seating
 from designlab.sensor.design import Design
 from geometries import camera_head, seats

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 from designlab.fabrication.boards import circuit, layout, planes
 from designlab.fabrication.boards.circuit import SUPPLY_V, BoardError, Channel, NoPartError
-from designlab.fabrication.boards.layout import SEAT_MM, Board, Room
+from designlab.fabrication.boards.drawn import Board, extent
+from designlab.fabrication.boards.layout import SEAT_MM, Room
 from designlab.fabrication.boards.stock import LAND_PATTERNS
 from designlab.sensor.design import Design
 from designlab.sensor.seating import inside
@@ -97,7 +98,7 @@ def _bore_mm(design: Design) -> float:
 
 def _width_mm(channel: Channel, turn_deg: float) -> float:
     """Width of a part with its pads along the row (mm)."""
-    bounds = layout.extent(LAND_PATTERNS[str(channel.part.land)], 0.0, 0.0, turn_deg).bounds
+    bounds = extent(LAND_PATTERNS[str(channel.part.land)], 0.0, 0.0, turn_deg).bounds
     return float(bounds[2] - bounds[0])
 
 

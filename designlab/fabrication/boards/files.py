@@ -7,8 +7,8 @@ from typing import Any
 
 from designlab.fabrication.boards import orders, verify
 from designlab.fabrication.boards.circuit import Channel
+from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.boards.gerber import outline_read, write_gerbers
-from designlab.fabrication.boards.layout import Board
 from designlab.fabrication.boards.picture import Colour, write_picture
 from designlab.fabrication.checks import FileCheck
 

@@ -10,7 +10,8 @@ from typing import Any
 from shapely.geometry import Point
 
 from designlab.core.backend import installed_version
-from designlab.fabrication.boards.layout import MARK_MM, SUPPLY_NET, Board, Line, Pad
+from designlab.fabrication.boards.drawn import MARK_MM, Board, Line, Pad
+from designlab.fabrication.boards.layout import SUPPLY_NET
 from designlab.fabrication.boards.stock import EDGE_MM, TRACK_MM, VIA_DRILL_MM, VIA_MM
 
 MASK_MM = 0.05

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from designlab.fabrication.boards.circuit import Channel
-from designlab.fabrication.boards.layout import Board, Component
+from designlab.fabrication.boards.drawn import Board, Component
 from designlab.fabrication.boards.stock import (
     CLEARANCE_MM,
     EDGE_MM,

@@ -9,8 +9,8 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.ops import nearest_points
 
+from designlab.fabrication.boards.drawn import MARK_MM, Board, Component
 from designlab.fabrication.boards.gerber import plus_mark
-from designlab.fabrication.boards.layout import MARK_MM, Board, Component
 from designlab.fabrication.boards.stock import VIA_DRILL_MM
 
 if TYPE_CHECKING:

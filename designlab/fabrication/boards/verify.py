@@ -5,7 +5,7 @@ from typing import Any
 import shapely
 from shapely.geometry import Point
 
-from designlab.fabrication.boards.layout import Board
+from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM
 
 NEAR_MM = 1e-4
