@@ -31,7 +31,8 @@ from designlab.core.store import write_json
 from designlab.evaluation.evaluate import evaluate
 from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, error_region, sub_seed
-from designlab.inference.calibration.balls import calibrate_balls, load_balls
+from designlab.inference.calibration.ball_set import load_balls
+from designlab.inference.calibration.balls import calibrate_balls
 from designlab.inference.calibration.from_model import gel_of, membrane_of
 from designlab.reconstruction import normals
 from designlab.reconstruction.calibration_file import save_calibration

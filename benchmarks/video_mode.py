@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from designlab.core.metrics import normal_error_deg
-from designlab.inference.calibration.balls import COARSE, BallSet, calibrate_balls, kept_of, load_balls
+from designlab.inference.calibration.ball_set import BallSet, load_balls
+from designlab.inference.calibration.balls import COARSE, calibrate_balls, kept_of
 from designlab.reconstruction import integrate, normals
 from designlab.reconstruction.ball_samples import Setup, ball_truth, known_gel
 from designlab.reconstruction.ball_surface import BallSurface

@@ -96,7 +96,8 @@ def ball_folder(tmp_path_factory):
 @pytest.fixture(scope="session")
 def ball_calibration(ball_folder):
     """One calibration on them, for all tests of what is done with it."""
-    from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from designlab.inference.calibration.ball_set import load_balls
+    from designlab.inference.calibration.balls import calibrate_balls
     from tests.helpers.ball_pictures import QUICK
     from tests.reconstruction.test_lab import PITCH_MM, RADIUS_MM, THICKNESS_MM
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from designlab.core.metrics import normal_error_deg
-from designlab.inference.calibration.balls import BallSet, calibrate_balls
+from designlab.inference.calibration.ball_set import BallSet
+from designlab.inference.calibration.balls import calibrate_balls
 from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, touched_px
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import load_calibration, save_calibration

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from designlab.inference.calibration import Calibration
-    from designlab.inference.calibration.balls import BallSet
+    from designlab.inference.calibration.ball_set import BallSet
     from designlab.measurement import Measurement
     from designlab.reconstruction.membrane import Membrane
     from designlab.sensor.design import Design
@@ -106,7 +106,8 @@ def _laid_out(
 def _on_balls(args: Namespace) -> Result:
     """Teach a map from pictures to shape on ball presses, and write it as one file."""
     from designlab.core.store import atomic_folder, write_json
-    from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from designlab.inference.calibration.ball_set import load_balls
+    from designlab.inference.calibration.balls import calibrate_balls
     from designlab.inference.calibration.from_model import gel_of
     from designlab.reconstruction.calibration_file import save_calibration
     from designlab.report.ball_calibration import ball_calibration_report
