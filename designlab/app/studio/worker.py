@@ -27,6 +27,7 @@ from designlab.app.studio.newest import NewestQueue, Task
 
 FORGET = "forget"
 """Message with the name of a tab that was closed."""
+DEFECT = "a defect of designlab"
 
 Waits = Callable[[], bool]
 Steps = Iterator[Any]
@@ -85,7 +86,10 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
         queue.put(task)
         return
     except Exception as error:
-        _tell(pipe, request, error=reason(error), last=True)
+        said = reason(error)
+        if said.startswith(DEFECT):
+            traceback.print_exception(error)  # the page tells its name alone
+        _tell(pipe, request, error=said, last=True)
         return
     if queue.superseded(task):
         return
@@ -113,7 +117,7 @@ def reason(error: Exception) -> str:
         return text
     if isinstance(error, OSError):
         return error.strerror or text
-    return f"a defect of designlab: {type(error).__name__}: {text} ({raised_in})"
+    return f"{DEFECT}: {type(error).__name__}: {text} ({raised_in})"
 
 
 class Handlers:
