@@ -1,30 +1,23 @@
 """Runs one command: where its output goes, what its exit status is, how its failures read."""
 
 import contextlib
-import errno
 import json
 import os
-import re
 import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from designlab.app.cli.arguments import UsageError, parse
+from designlab.app.failures import OWN_PACKAGES, judged
 from designlab.core.plain import plain
 
 DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
 """Environment variable that shows the traceback of every failure, as ``--debug`` does."""
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-_ROOT = Path(__file__).parents[3]
-_FILE = re.compile(r'^ *File "([^"]+)"', re.MULTILINE)
-_OWN_PACKAGES = ("designlab", "geometries")
-_TEMPORARY = re.compile(r"\.([^/]+)\.[0-9a-f]{8,32}\.partial")
 
 
 class Result(NamedTuple):
@@ -95,7 +88,7 @@ def _notes_in_one_line() -> Iterator[None]:
     usual = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        if category.__module__.partition(".")[0] in _OWN_PACKAGES:
+        if category.__module__.partition(".")[0] in OWN_PACKAGES:
             print(f"designlab: note: {message}", file=sys.stderr)
         else:
             usual(message, category, *place, **more)
@@ -116,59 +109,13 @@ def _is_interrupt(error: Exception) -> bool:
 
 
 def _judge(error: Exception) -> tuple[int, str]:
-    """Exit status and one line for a failure: the user's input, the machine, or a defect of this program."""
+    """Exit status and one line for a failure."""
     if isinstance(error, UsageError):
         return BAD_INPUT, str(error)
-    if isinstance(error, ValueError) and _is_ours(error):
-        return BAD_INPUT, _one_line(error)
-    if isinstance(error, OSError) and not isinstance(error, ImportError):
-        return FAILED, _of_system(error)
-    if isinstance(error, MemoryError):
-        return FAILED, "out of memory; a smaller image, fewer samples or fewer workers need less"
-    if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith(_OWN_PACKAGES):
-        return FAILED, f"the package {error.name} is missing; `designlab doctor` says how to get it"
-    if isinstance(error, RuntimeError) and _is_ours(error):
-        return FAILED, _one_line(error)
-    where = _raised_in(error)
-    return FAILED, (
-        f"a defect of designlab: {type(error).__name__}: {_one_line(error)} ({where}). "
-        "Please report it with what `--debug` prints"
-    )
-
-
-def _is_ours(error: Exception) -> bool:
-    """Whether one of our modules raised an exception on purpose, rather than a library in its depths."""
-    own_type = type(error).__module__.partition(".")[0] in _OWN_PACKAGES
-    return own_type or _raised_in(error).partition(".")[0] in _OWN_PACKAGES
-
-
-def _raised_in(error: Exception) -> str:
-    """Name of the module where an exception was raised, in this process or in a worker."""
-    # A worker's exception brings its traceback along as a text, the last file of which raised it.
-    files = (
-        _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
-    )
-    for package in _OWN_PACKAGES if files else ():
-        if Path(files[-1]).is_relative_to(_ROOT / package):
-            return ".".join(Path(files[-1]).with_suffix("").relative_to(_ROOT).parts)
-    if files:
-        return Path(files[-1]).stem
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    return str(frames[-1].f_globals.get("__name__", "?")) if frames else "?"
-
-
-def _of_system(error: OSError) -> str:
-    text = error.strerror or str(error)
-    if error.filename is not None and str(error.filename) not in text:
-        text = f"{error.filename}: {text}"
-    text = _TEMPORARY.sub(r"\1", text)  # what the user asked for, not the name it had while being written
-    if error.errno == errno.ENOSPC:
-        text += "; make room and run the same command again"
-    return " ".join(text.split())
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    found = judged(error)
+    if found.cause == "defect":
+        return FAILED, f"{found.text}. Please report it with what `--debug` prints"
+    return BAD_INPUT if found.cause == "input" else FAILED, found.text
 
 
 def _complain(reason: str, status: int = FAILED) -> int:

@@ -11,6 +11,7 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
+from designlab.app.failures import judged
 from designlab.app.studio.messages import (
     ExportJob,
     GapJob,
@@ -27,7 +28,6 @@ from designlab.app.studio.newest import NewestQueue, Task
 
 FORGET = "forget"
 """Message with the name of a tab that was closed."""
-DEFECT = "a defect of designlab"
 
 Waits = Callable[[], bool]
 Steps = Iterator[Any]
@@ -86,10 +86,10 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
         queue.put(task)
         return
     except Exception as error:
-        said = reason(error)
-        if said.startswith(DEFECT):
+        found = judged(error)
+        if found.cause == "defect":
             traceback.print_exception(error)  # the page tells its name alone
-        _tell(pipe, request, error=said, last=True)
+        _tell(pipe, request, error=found.text, last=True)
         return
     if queue.superseded(task):
         return
@@ -105,19 +105,6 @@ def _tell(pipe: "Connection[Any, Any]", request: Request, **told: Any) -> None:
     reply = Reply(request.client, request.lane, request.number, request.digest, **told)
     with contextlib.suppress(BrokenPipeError, OSError):
         pipe.send(reply)
-
-
-def reason(error: Exception) -> str:
-    """What to say of a failure: our own words, or that it is a defect."""
-    text = " ".join(str(error).split()) or type(error).__name__
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    raised_in = str(frames[-1].f_globals.get("__name__", "")) if frames else ""
-    module = type(error).__module__
-    if module.startswith(("designlab", "geometries")) or raised_in.startswith(("designlab", "geometries")):
-        return text
-    if isinstance(error, OSError):
-        return error.strerror or text
-    return f"{DEFECT}: {type(error).__name__}: {text} ({raised_in})"
 
 
 class Handlers:
