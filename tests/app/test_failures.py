@@ -30,7 +30,7 @@ def lost():
         (
             lambda: Path("/nowhere/at/all").read_bytes(),
             "machine",
-            "/nowhere/at/all: No such file or directory",
+            "/nowhere/at/all: No such file",
         ),
         (lambda: np.linalg.inv(np.zeros((2, 2))), "defect", "a defect of designlab: LinAlgError"),
         (lambda: np.zeros(3).reshape(2, 2), "defect", "a defect of designlab: ValueError"),
