@@ -115,4 +115,4 @@ def pages(studio):
             return found
 
         yield page
-    assert faults == []
+    assert faults == [], faults

@@ -29,6 +29,7 @@ class StudyView:
         self._page = page
         self._seen: tuple[float, bool] | None = None
         self._state: StudyState | None = None
+        self._plot: ui.plotly | None = None
         with ui.element("div").classes("view"):
             self._empty = ui.label(EMPTY).classes("empty-words")
             with ui.row().classes("items-center") as self._bar:
@@ -60,9 +61,13 @@ class StudyView:
             part.set_visibility(there)
         if not there:
             return
-        self._folder.set_options(found, value=wanted if wanted in found else found[0])
+        chosen = wanted if wanted in found else found[0]
         self._seen = None
-        self._look()
+        if chosen == self._folder.value:
+            self._folder.set_options(found, value=chosen)
+            self._look()
+        else:
+            self._folder.set_options(found, value=chosen)  # which tells `_picked`
 
     @property
     def _path(self) -> Path | None:
@@ -122,11 +127,7 @@ class StudyView:
     def _show(self, state: StudyState) -> None:
         self._state = state
         self._words.set_text(f"{state.name}: {state.words}")
-        self._chart.clear()
-        if state.figure is not None:
-            with self._chart:
-                chart = ui.plotly(_themed(state.figure)).style("width: 100%; height: 26rem")
-                chart.on("plotly_click", self._clicked)
+        self._draw(state.figure)
         self._table.clear()
         if state.rows:
             names = list(state.rows[0])
@@ -134,6 +135,18 @@ class StudyView:
             with self._table:
                 table = ui.table(columns=columns, rows=state.rows, row_key="trial").props("dense flat")
                 table.on("rowClick", lambda event: self._load(int(event.args[1]["trial"])))
+
+    def _draw(self, figure: dict[str, Any] | None) -> None:
+        """Draw the front. A chart that is there is drawn anew: the browser may still be laying it out."""
+        if figure is None:
+            self._chart.clear()
+            self._plot = None
+        elif self._plot is not None:
+            self._plot.update_figure(_themed(figure))
+        else:
+            with self._chart:
+                self._plot = ui.plotly(_themed(figure)).style("width: 100%; height: 26rem")
+                self._plot.on("plotly_click", self._clicked)
 
     def _clicked(self, event: Any) -> None:
         points = event.args.get("points") or []
