@@ -17,7 +17,7 @@ from designlab.measurement.depths import cap_depth_mm
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, load, loads, preset_names
 from designlab.sensor.field_errors import explain
-from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.press import Direction, Press
 from geometries import probes
 from geometries.mesh_files import Understood
 from geometries.spec import Spec, quantity
@@ -79,6 +79,8 @@ class MeasuredFrame(Spec):
     """Where the probe's axis meets the gel."""
     yaw_deg: float | None = quantity(None, unit="deg", ge=-360, le=360)
     """Rotation of the probe, counter-clockwise."""
+    direction: Direction | None = Field(None, exclude_if=_is_none)
+    """Along which it was pressed: the sensor's axis (when absent), or the normal of the membrane."""
     sigma: PoseSigma | None = None
     """How well the pose is known."""
     leds: tuple[str, ...] | None = None
@@ -147,7 +149,7 @@ class MeasuredFrame(Spec):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: is for a light_probe frame, this one is a {self.kind}")
         if self.kind != "press":
-            for name in ("force_n", "shear_mm", "twist_deg", *CIRCLES[1:], "depth_range_mm"):
+            for name in ("force_n", "shear_mm", "twist_deg", "direction", *CIRCLES[1:], "depth_range_mm"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: is for a press, this one is a {self.kind}")
         if self.kind == "dark" and self.leds:
@@ -364,6 +366,7 @@ class Measurement(Spec):
                     "centre_mm": centre,
                     # A probe of revolution looks the same at every yaw; for others zero is a start.
                     "yaw_deg": frame.yaw_deg or 0.0,
+                    "direction": frame.direction or "axis",
                     "shear_mm": frame.shear_mm or (0.0, 0.0),
                     "twist_deg": frame.twist_deg or 0.0,
                 }

@@ -70,6 +70,7 @@ def frames_to_take(shots: Sequence[Shot], names: Sequence[str]) -> list[Action]:
             "depth_mm": press.stated_depth_mm,
             "centre_mm": [x_mm, y_mm],
             "yaw_deg": press.yaw_deg,
+            **({} if press.direction == "axis" else {"direction": press.direction}),
         }
         found += _lit_alone(text, shots[n], n, names, 2.0, fields)
     return found

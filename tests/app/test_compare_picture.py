@@ -100,3 +100,22 @@ def test_a_picture_and_the_untouched_gel(run, tmp_path, noted):
     assert found["snr_db"] > 20
     read = [note for note in found.get("notes", ()) if "read off" in note or "fits the picture best" in note]
     assert len(read) == (0 if noted == "pose" else 2)
+
+
+@pytest.mark.renders
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_a_press_along_the_normal_of_a_dome_fits_where_that_is_said(run, tmp_path):
+    dome = preset("gelsight-2020-dome")
+    press = Press(probe=parse("sphere:4"), depth_mm=0.5, centre_mm=(5.0, 0.0), direction="normal")
+    full = dome.camera.full_view()
+    view = full._replace(columns=48, rows=48 * full.rows // full.columns)
+    light = Simulator(dome, view=view, samples=64, seed=5).frame(press).mixed
+    write_image(tmp_path / "press.exr", np.asarray(light, np.float32))
+    words = (dome.name, tmp_path / "press.exr", "--probe", "sphere:4", "--depth-mm", 0.5, "--at", "5,0")
+    found = {}
+    for way in ("normal", "axis"):
+        status, found[way] = run(*words, "--direction", way, "--samples", 32)
+        assert status == 0
+    assert found["normal"]["snr_db"] > 30
+    assert found["normal"]["snr_db"] > found["axis"]["snr_db"] + 10

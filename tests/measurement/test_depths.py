@@ -89,6 +89,8 @@ def test_a_circle_is_stated_by_its_diameter_too(
         ({"depth_range_mm": (0.4, 0.2)}, "depth_range_mm: .*least < greatest"),
         ({"kind": "background", "probe": None, "depth_range_mm": (0.1, 0.2)}, "is for a press"),
         ({"kind": "background", "probe": None, "contact_diameter_mm": 1.0}, "is for a press"),
+        ({"kind": "background", "probe": None, "direction": "normal"}, "direction: is for a press"),
+        ({"direction": "up"}, "direction: .*'axis' or 'normal'"),
     ],
 )
 def test_what_cannot_be_meant_of_a_depth_is_refused_by_field(fields: dict[str, object], words: str) -> None:
@@ -100,7 +102,16 @@ def test_what_cannot_be_meant_of_a_depth_is_refused_by_field(fields: dict[str, o
 def test_what_is_not_stated_is_not_written() -> None:
     """Digests of sets from before these fields were known stay what they were."""
     written = MeasuredFrame(file="p.exr", kind="press", probe="sphere:4").model_dump(mode="json")
-    assert not {"contact_diameter_mm", "contact_diameter_px", "depth_range_mm"} & set(written)
+    later = {"contact_diameter_mm", "contact_diameter_px", "depth_range_mm", "direction"}
+    assert not later & set(written)
+
+
+@pytest.mark.parametrize(("stated", "meant"), [(None, "axis"), ("axis", "axis"), ("normal", "normal")])
+def test_a_press_goes_along_the_axis_unless_it_says_otherwise(stated: str | None, meant: str) -> None:
+    measurement, one = frame(probe="sphere:5", direction=stated)
+    press = measurement.press(one)
+    assert press is not None
+    assert press.direction == meant
 
 
 def test_a_frame_with_a_circle_is_a_press() -> None:

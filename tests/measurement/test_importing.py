@@ -401,6 +401,24 @@ class TestCommand:
             {"cm": [40, 30, 20], "inch": [101.6, 76.2, 50.8]}.get(said["unit"], [4, 3, 2])
         )
 
+    def test_the_part_that_pictures_show_and_the_direction_of_a_press_are_written(
+        self, scene, tmp_path, capsys
+    ):
+        out = ("--crop-px", "40,30,160,120", "--response", "srgb", "--out", tmp_path / "m")
+        for name, what in (
+            ("gel", ("--kind", "background")),
+            ("ball", ("--kind", "press", "--probe", "sphere:4", "--depth-mm", 0.4, "--direction", "normal")),
+        ):
+            dark = self.photo(tmp_path / f"dark-{name}.png", 0 * scene)
+            status, _, _ = self.run(
+                capsys, self.photo(tmp_path / f"{name}.png", scene), *what, *out, "--dark", dark
+            )
+            assert status == 0
+        frames = load_measurement(tmp_path / "m").frames
+        assert [frame.kind for frame in frames] == ["background", "dark", "press", "dark"]
+        assert {frame.crop_px for frame in frames} == {(40, 30, 160, 120)}
+        assert [frame.direction for frame in frames] == [None, None, "normal", None]
+
     @pytest.mark.faults
     def test_meshes_that_cannot_be_used_stop_an_import(self, scene, tmp_path, capsys):
         self.photo(tmp_path / "a.png", scene)

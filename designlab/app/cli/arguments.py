@@ -164,8 +164,7 @@ def _add_designs(add: Any) -> None:
     _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
     _option(press, "--force-n F", "force (N) instead of a depth, on an elastic gel", type=float)
     _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
-    text = "along the sensor's axis (default) or the membrane's normal at that place"
-    _option(press, "--direction", text, choices=("axis", "normal"), default=None)
+    _direction(press)
     _option(press, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
     _option(press, "--shear-mm X,Y", "how far it is then moved sideways (mm)", type=_point)
     _option(press, "--twist-deg A", "how far it is then turned, counter-clockwise (deg)", type=float)
@@ -184,8 +183,7 @@ def _add_designs(add: Any) -> None:
     _noted(real)
     _option(real, "--background FILE", "pictures of the untouched gel, by which places are found", nargs="+")
     _option(real, "--response CURVE", "linear, srgb, gamma:G, or a file of lines 'encoded,linear'")
-    text = "part of the camera's full picture that the files show, where not the whole"
-    _option(real, "--crop-px X,Y,W,H", text, type=_crop)
+    _part(real)
     _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
     _samples(compare)
     _seed(compare)
@@ -383,6 +381,7 @@ def _add_import(add: Any) -> None:
     _noted(shown)
     text = "the same, read off the picture (px)"
     _option(shown, "--contact-diameter-px D", text, type=float)
+    _part(shown)
     undone = command.add_argument_group("what is undone")
     curves = "linear, srgb, gamma:G, or a file of lines 'encoded,linear'; linear for raw files when absent"
     _option(undone, "--response CURVE", curves)
@@ -617,6 +616,17 @@ def _noted(to: Any) -> None:
     _option(to, "--depth-range-mm LO,HI", text, type=_point)
     _option(to, "--at X,Y", "where its axis meets the gel (mm); else read off the picture", type=_point)
     _option(to, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
+    _direction(to)
+
+
+def _part(to: Any) -> None:
+    text = "part of the camera's full picture that the files show, where not the whole"
+    _option(to, "--crop-px X,Y,W,H", text, type=_crop)
+
+
+def _direction(to: Any) -> None:
+    text = "along the sensor's axis (default) or the membrane's normal at that place"
+    _option(to, "--direction", text, choices=("axis", "normal"), default=None)
 
 
 def _mesh(command: Any) -> None:

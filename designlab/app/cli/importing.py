@@ -16,7 +16,19 @@ if TYPE_CHECKING:
     from designlab.measurement.importing.picture_file import PictureFile
 
 NOTED = ("depth_mm", "force_n", "contact_diameter_mm", "contact_diameter_px", "depth_range_mm")
-SHOWN = ("kind", "leds", "exposure", "probe", "probe_unit", "probe_side", *NOTED, "at", "yaw_deg")
+SHOWN = (
+    "kind",
+    "leds",
+    "exposure",
+    "probe",
+    "probe_unit",
+    "probe_side",
+    *NOTED,
+    "at",
+    "yaw_deg",
+    "direction",
+    "crop_px",
+)
 
 
 def import_pictures(args: Namespace) -> Result:
@@ -131,7 +143,8 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
     from designlab.measurement.frames import FILE_NAME
     from designlab.measurement.importing.import_frames import described, items, listed
 
-    darks = items(listed(args.dark or []), kind="dark", leds=())
+    part = {} if args.crop_px is None else {"crop_px": args.crop_px}
+    darks = items(listed(args.dark or []), kind="dark", leds=(), **part)
     first = Path(args.sources[0]) if len(args.sources) == 1 else None
     if first is not None and (first / FILE_NAME).is_file():
         given = [f"--{name.replace('_', '-')}" for name in SHOWN if getattr(args, name) is not None]
@@ -144,7 +157,7 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
     if args.sources and args.kind is None:
         raise ValueError("--kind: required, what the pictures show")
     leds = None if args.leds is None else tuple(name.strip() for name in args.leds.split(",") if name.strip())
-    same = ("kind", "exposure", *NOTED, "yaw_deg")
+    same = ("kind", "exposure", *NOTED, "yaw_deg", "direction", "crop_px")
     known = {name: getattr(args, name) for name in same}
     known |= {"leds": leds, "centre_mm": args.at, "probe": _probe(args)}
     made = items(listed(args.sources), **{name: value for name, value in known.items() if value is not None})

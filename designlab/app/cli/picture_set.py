@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from designlab.measurement import Measurement
 
-STATED = ("depth_mm", "force_n", "contact_diameter_mm", "depth_range_mm", "at", "yaw_deg")
+STATED = ("depth_mm", "force_n", "contact_diameter_mm", "depth_range_mm", "at", "yaw_deg", "direction")
 SHOWN = ("probe", "untouched", "background", "response", "crop_px", *STATED)
 ALONE = ("--untouched", "--response", "--crop-px")  # that go with a picture of the untouched gel
 
