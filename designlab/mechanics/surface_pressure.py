@@ -76,13 +76,21 @@ class SurfacePressure:
         """Area of the contact."""
         return float(self.contact.sum() * self.pitch_mm**2)
 
+    @property
+    def surface_mm(self) -> Array:
+        """The surface as the layer answers the pressure (mm), with its far slopes and bulge."""
+        return self._under(self.pressure)
+
     def lift_mm(self, part: Mask) -> float:
         """How far the pressure of a part of the points presses the surface in where it does most (mm)."""
-        rows, columns = self.pressure.shape
+        return float(self._under(np.where(part, self.pressure, 0)).max())
+
+    def _under(self, pressure: Array) -> Array:
+        rows, columns = pressure.shape
         shape = _padded(rows, columns)
-        spectrum = fft.rfft2(np.where(part, self.pressure, 0), s=shape)
-        response = _response(self.layer, self.pitch_mm, *shape).astype(self.pressure.dtype)
-        return float(fft.irfft2(spectrum * response, s=shape)[:rows, :columns].max())
+        response = _response(self.layer, self.pitch_mm, *shape).astype(pressure.dtype)
+        spectrum = fft.rfft2(pressure, s=shape) * response
+        return np.asarray(fft.irfft2(spectrum, s=shape)[:rows, :columns])
 
     @cached_property
     def sticking(self) -> float:

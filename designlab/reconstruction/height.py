@@ -102,6 +102,15 @@ def integrate(
     return np.asarray(height)
 
 
+def border_surface(height_mm: Array) -> Array:
+    """The surface of least slope that has the border pixels of a height, shape (rows, columns).
+
+    It is harmonic: what a height lacks that was integrated with its border at 0.
+    """
+    flow = np.diff(height_mm, axis=1), np.diff(height_mm, axis=0)
+    return np.asarray(height_mm - _poisson_solver(height_mm.shape, 1.0, 1.0, "dirichlet")(_divergence(*flow)))
+
+
 def normals(p: ArrayLike, q: ArrayLike) -> Array:
     """Unit normals (-p, -q, 1) / sqrt(1 + p^2 + q^2), shape (..., 3), of a surface with gradients p and q."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)

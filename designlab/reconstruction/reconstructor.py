@@ -23,7 +23,7 @@ from designlab.mechanics.surface_pressure import (
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
-from designlab.reconstruction.height import normals
+from designlab.reconstruction.height import border_surface, gradients_of, normals
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
 
@@ -230,14 +230,19 @@ class Reconstructor:
         return self.kept.calibration
 
     @cached_property
-    def _coarser(self) -> tuple[csr_array, csr_array]:
+    def _coarser(self) -> dict[Mode, tuple[csr_array, csr_array]]:
         """Means over the points on which pressure is solved for, down and across the picture."""
         rows, columns = self.calibration.background.shape[:2]
-        coarser = max(1.0, max(rows, columns) / EFFORT[self.mode].points)
-        return tuple(
-            csr_array(resize_area(np.eye(side, dtype=np.float32), round(side / coarser), side))
-            for side in (rows, columns)
-        )
+
+        def means(effort: _Effort) -> tuple[csr_array, csr_array]:
+            coarser = max(1.0, max(rows, columns) / effort.points)
+            down, across = (
+                csr_array(resize_area(np.eye(side, dtype=np.float32), round(side / coarser), side))
+                for side in (rows, columns)
+            )
+            return down, across
+
+        return {mode: means(effort) for mode, effort in EFFORT.items()}
 
     def on(self, background: ArrayLike) -> Self:
         """Return the same for another picture of the untouched gel, such as today's.
@@ -342,18 +347,26 @@ class Reconstructor:
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         if video:
             height = self.video.height_mm(change)
-            normal = self.video.normals(height)
         else:
-            shape = self.calibration.reconstruct(used, mask=mask)
-            height, normal = shape.height_mm, normals(shape.p, shape.q)
+            height = self.calibration.reconstruct(used, mask=mask).height_mm
         pressed_in = bool(height.max() > 0)
         if not pressed_in and seen.mean() >= LEAST_SEEN:
             warnings.append("colours change, but nothing is pressed in")
         if not pressed_in or seen.mean() < LEAST_SEEN:
             nowhere = np.zeros(height.shape, dtype=bool)
             shift = None if moved is None else self._shift(moved, height, None)
-            return PressShape(height, normal, nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift)
-        found = self._pressure(height) if pressure else None
+            return PressShape(
+                height, self._normals(height), nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift
+            )
+        held = height
+        # The integration holds the border at 0; the gel under this pressure has another height there. What
+        # touches near the border is worth a second look.
+        efforts: tuple[Mode, ...] = ("video",) if video else ("video", "accurate" if pressure else "video")
+        for effort in efforts:
+            pressed = self._pressure(height, effort)
+            beyond = _at_pixels(border_surface(pressed.surface_mm), held.shape)
+            height = held + beyond.astype(held.dtype)
+        found = pressed if pressure else None
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
@@ -366,7 +379,7 @@ class Reconstructor:
             warnings += _rough(shift.shear)
         return PressShape(
             height,
-            normal,
+            self._normals(height),
             contact,
             float(height.max()),
             float(contact.sum() * self.calibration.setup.mm_per_px**2),
@@ -423,17 +436,22 @@ class Reconstructor:
         warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
         return image * np.asarray(1 / gain, dtype=image.dtype), warnings
 
-    def _pressure(self, height_mm: Array) -> SurfacePressure:
+    def _normals(self, height_mm: Array) -> Array:
+        if self.mode == "video":
+            return self.video.normals(height_mm)
+        return normals(*gradients_of(height_mm, pitch_mm=self.calibration.setup.mm_per_px))
+
+    def _pressure(self, height_mm: Array, effort: Mode) -> SurfacePressure:
         setup = self.calibration.setup
         assert setup.thickness_mm is not None  # of every calibration
-        down, across = self._coarser
+        down, across = self._coarser[effort]
         small = (across @ (down @ height_mm).T).T
         return pressure_under(
             np.ascontiguousarray(small, dtype=height_mm.dtype),
             poisson=setup.poisson,
             thickness_mm=setup.thickness_mm,
             pitch_mm=setup.mm_per_px * height_mm.shape[1] / small.shape[1],
-            iterations=EFFORT[self.mode].iterations,
+            iterations=EFFORT[effort].iterations,
         )
 
     def _doubts(self, image: Array, change: Array, seen: Mask, drift: Drift) -> list[str]:
@@ -464,11 +482,12 @@ class Reconstructor:
         return found
 
     def _at_border(self, height_mm: Array) -> list[str]:
-        """A contact that the border of the picture cuts, where height is taken to be 0."""
+        """A contact that the border of the picture cuts."""
         near = np.concatenate([height_mm[2], height_mm[-3], height_mm[:, 2], height_mm[:, -3]])
         if near.max() > FLAT_SHARE * height_mm.max():
             return [
-                "the contact reaches the border of the picture, where height is taken to be 0: it is too low"
+                "the contact reaches the border of the picture: it is too low, since nobody sees what "
+                "presses beyond"
             ]
         return []
 
@@ -516,12 +535,9 @@ def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smo
         if found.height_mm[own].max() < deep or found.lift_mm(own) < ABOVE_REST * found.rest_mm:
             # nor is what is beside it larger by it
             pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
+    pressure = _at_pixels(pressure, shape)
     for axis, length in enumerate(shape):
-        at = (np.arange(length) + 0.5) * pressure.shape[axis] / length - 0.5
-        at = np.clip(at, 0, pressure.shape[axis] - 1)
-        low = np.minimum(at.astype(int), pressure.shape[axis] - 2)
-        share = np.expand_dims((at - low).astype(pressure.dtype), 1 - axis)
-        pressure = (1 - share) * pressure.take(low, axis) + share * pressure.take(low + 1, axis)
+        low, _ = _between(length, least.shape[axis])
         # a contact may end half a point beyond its last
         least = np.minimum(least.take(low, axis), least.take(low + 1, axis))
     islands, count = label(pressure > least, near)
@@ -529,6 +545,22 @@ def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smo
     areas[0] = 0
     large = areas > min(np.pi * (BLUR * smoothing_px) ** 2, 0.99 * areas.max())
     return np.asarray(large[islands])
+
+
+def _at_pixels(values: Array, shape: tuple[int, ...]) -> Array:
+    """Values on points, at the pixels of a picture, by linear interpolation."""
+    for axis, length in enumerate(shape):
+        low, share = _between(length, values.shape[axis])
+        share = np.expand_dims(share.astype(values.dtype), 1 - axis)
+        values = (1 - share) * values.take(low, axis) + share * values.take(low + 1, axis)
+    return values
+
+
+def _between(pixels: int, points: int) -> tuple[NDArray[np.int_], Array]:
+    """For each pixel of a side the point before it, and the share of the way to the next."""
+    at = np.clip((np.arange(pixels) + 0.5) * points / pixels - 0.5, 0, points - 1)
+    low = np.minimum(at.astype(int), points - 2)
+    return low, at - low
 
 
 def _sizes(given: Array, shape: tuple[int, int, int]) -> str:

@@ -14,6 +14,7 @@ from designlab.mechanics.layer import ElasticLayer
 from designlab.mechanics.surface_pressure import pressure_under
 from designlab.reconstruction import reconstructor
 from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration
+from designlab.reconstruction.height import border_surface, gradients_of, integrate
 from designlab.reconstruction.reconstructor import Reconstructor
 from tests.helpers.ball_pictures import exposed, pressed
 from tests.helpers.browser import faults, opened
@@ -233,3 +234,32 @@ def test_specks_are_no_contacts(specks, noise_um, second_px):
     assert label(contact, np.ones((3, 3)))[1] == (1 if second_px is None else 2)
     assert contact[80, 90]
     assert second_px is None or contact[120, 180]
+
+
+@pytest.mark.parametrize(("x_px", "y_px"), [(60, 45), (30, 40), (95, 70)])
+@pytest.mark.parametrize(("thickness_mm", "poisson"), [(2.0, 0.49), (6.0, 0.4999)])
+def test_the_border_is_as_high_as_the_gel_is_there(x_px, y_px, thickness_mm, poisson):
+    """Slopes of a layer's surface, whose far slopes and bulge reach the border of a picture."""
+    layer, pitch_mm, (rows, columns) = ElasticLayer(1.0, poisson, thickness_mm), 0.1, (90, 120)
+    at = np.indices((3 * rows, 3 * columns))  # the gel goes on beyond the picture
+    distance = np.hypot(at[1] - columns - x_px, at[0] - rows - y_px)
+    pressure = 0.2 * np.sqrt(np.maximum(1 - (distance / 14) ** 2, 0))
+    spectrum = np.fft.rfft2(pressure, s=(6 * rows, 6 * columns))
+    spectrum *= symbol(layer, pitch_mm, 6 * rows, 6 * columns, "zz")
+    truth = np.fft.irfft2(spectrum, s=(6 * rows, 6 * columns))[rows : 2 * rows, columns : 2 * columns]
+    held = integrate(*gradients_of(truth, pitch_mm=pitch_mm), pitch_mm=pitch_mm, boundary="dirichlet")
+    height = held
+    for _ in range(2):
+        found = pressure_under(height, poisson=poisson, thickness_mm=thickness_mm, pitch_mm=pitch_mm)
+        height = held + border_surface(found.surface_mm)
+    before, after = (np.abs(h - truth).max() for h in (held, height))
+    assert before > 0.015 * truth.max()
+    assert after < max(0.15 * before, 0.015 * truth.max())
+
+
+def test_a_border_surface_is_harmonic():
+    y, x = np.mgrid[0:30, 0:40] / 10
+    for harmonic in (1 + 2 * x - 3 * y, x**2 - y**2, x * y):
+        bumpy = harmonic.copy()
+        bumpy[5:20, 8:30] += np.random.default_rng(1).normal(size=(15, 22))
+        np.testing.assert_allclose(border_surface(bumpy), harmonic, atol=1e-9)
