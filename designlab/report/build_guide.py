@@ -17,7 +17,6 @@ from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
 from designlab.sensor.gel_materials import MATERIALS
 from designlab.simulation.simulator import Simulator
-from geometries.leds import bodies
 
 PICTURES = "guide"
 MARKDOWN, WEBPAGE = "guide.md", "guide.html"
@@ -196,11 +195,9 @@ def _draw(built: Built, folder: Path) -> str:
         "gelcore": (0.55, 0.80, 0.95, 0.55),
         "lid": (0.72, 0.74, 0.80, 1.0),
     }
-    design = built.design
-    lights = _light_colours(design)
-    array = shapes["led_array"].Solids()
-    for number, colour in enumerate(lights):
-        shapes[f"led-{number}"], colours[f"led-{number}"] = array[number], (*colour, 1.0)
+    for number, led in enumerate(built.leds):
+        colour = package_colour([built.design.leds.groups[index] for index in led.groups])
+        shapes[f"led-{number}"], colours[f"led-{number}"] = led.solid, (*colour, 1.0)
     there: list[str] = []
     wanted: list[Apart] = []
     for place, step in enumerate(built.order):
@@ -217,11 +214,6 @@ def _draw(built: Built, folder: Path) -> str:
         there += moving
     wanted.append(Apart(OVERVIEW, tuple(_spread(built)), False))
     return pictures_apart(shapes, colours, wanted, folder)
-
-
-def _light_colours(design: Design) -> list[tuple[float, float, float]]:
-    groups = design.leds.groups
-    return [package_colour([groups[index] for index in body.groups]) for body in bodies(design.leds)]
 
 
 def _spread(built: Built) -> Iterable[Drawn]:

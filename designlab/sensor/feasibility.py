@@ -131,7 +131,7 @@ def _led_margins(design: Parts) -> dict[str, float]:
         "leds_clear_of_each_other": max(
             (_overlap(a, b) for a, b in combinations(boxes, 2)), default=-math.inf
         ),
-        "leds_outside_view": _intrusion_into_view(design, boxes),
+        "leds_outside_view": intrusion_into_view_mm(design, [box.corners for box in boxes]),
     }
 
 
@@ -275,13 +275,21 @@ def _core_body(design: Parts) -> _Convex:
     return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
 
 
-def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:
-    """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
+def intrusion_into_view_mm(design: Parts, bodies: Sequence[Array]) -> float:
+    """How far bodies reach into the sensing area as the camera sees both; mm at the membrane.
+
+    Parameters
+    ----------
+    design : Parts
+        The sensor.
+    bodies : sequence of array, shape (corners, 3)
+        Corners of convex bodies in the sensor frame (mm).
+    """
     area, distance_mm = _sensing_area_seen(design)
     position = np.asarray(design.camera.eye_mm)
     worst = -math.inf
-    for box in boxes:
-        below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
+    for corners in bodies:
+        below = corners[corners[:, 2] < position[2] - 1e-6]
         if len(below):
             seen = tangents(design, below) * distance_mm
             between = (seen[:, None] - seen[None]).reshape(-1, 2)
