@@ -109,7 +109,8 @@ def bill(
     gel = next(row for row in rows if row["item"] == "elastomer")
     gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
     coating = f"reflective coating, {_membrane_area_mm2(shapes['elastomer']):.0f} mm2"
-    rows.append(_row("membrane", 1, coating, None, None, "see optics.membrane_albedo"))
+    albedo = ", ".join(f"{value:.2g}" for value in design.per_group("membrane_albedo"))
+    rows.append(_row("membrane", 1, coating, None, None, f"pigment in silicone; reflectance {albedo}"))
     leds = design.leds
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
     packages = Counter(body.groups for body in bodies(leds))
