@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import png_bytes, tone_map
 from designlab.fabrication import BOARD_COLOUR, PART_COLOURS, Built, package_colour
@@ -19,20 +20,23 @@ from designlab.report.view3d.apart import Apart, Drawn, pictures_apart
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
 from designlab.sensor.gel_materials import MATERIALS
+from designlab.sensor.refraction import apparent_distance_mm
 from designlab.simulation.simulator import Simulator
 
 PICTURES = "guide"
 MARKDOWN, WEBPAGE = "guide.md", "guide.html"
 FIRST_PICTURE = "first-picture.png"
-COLUMNS, SAMPLES, SEED = 320, 256, 0
-"""Effort of the expected first picture: a few seconds."""
+COLUMNS, SAMPLES, SEED = 320, 96, 0
+"""Effort of the expected first picture."""
+SMOOTHED_PX = 1.5
+"""Of that picture: what differs within so few pixels is noise of the simulation."""
 OVERVIEW = "all.png"
 GLUED = ("board", "core_ring", "core")
 """Steps that need sealant."""
 FROM_BELOW = ("board", "core_ring", "core")
 """Steps whose parts go in from the gel's side."""
-OPENED = ("housing", "lid", "inserts")
-"""Parts that are cut open once they are in place."""
+WHOLE = ("gelcore", "elastomer", "camera", "core_ring")
+"""Parts that are not cut open once they are in place; in the viewer's half, others would hang in the air."""
 AWAY = 0.75  # of a part's way out at which it is drawn
 SPREAD_MM = 5.0  # between parts in the picture of all of them
 SUPPLY_V = 5.0  # where no board says more
@@ -79,7 +83,8 @@ def write(built: Built, folder: Path) -> list[str]:
     pictures.mkdir()
     reason = _draw(built, pictures)
     frame = Simulator(built.design, columns=COLUMNS, samples=SAMPLES, seed=SEED).frame(None)
-    (pictures / FIRST_PICTURE).write_bytes(png_bytes(tone_map(frame.mixed)))
+    smooth = gaussian_filter(frame.mixed, (SMOOTHED_PX, SMOOTHED_PX, 0), mode="nearest")
+    (pictures / FIRST_PICTURE).write_bytes(png_bytes(tone_map(smooth)))
     found = chapters(built, drawn=not reason)
     title = f"How to build {built.design.name}"
     (folder / MARKDOWN).write_text(_markdown(title, found), encoding="utf-8")
@@ -131,7 +136,7 @@ def steps(built: Built, *, drawn: bool = True) -> list[GuideStep]:
     probes = [item for item in number if item.startswith("probe")]
     found = [
         step("print", "housing", "lid", "core_ring", "mould_cavity", "mould_lid", "paint"),
-        step("gelcore", "gelcore"),
+        step("gelcore", "gelcore", *(("paint",) if design.gelcore.side_finish == "painted" else ())),
         step("gel", "elastomer", "mould_cavity", "mould_lid"),
         step("membrane", "membrane"),
     ]
@@ -236,7 +241,9 @@ def _camera(design: Design) -> tuple[str, ...]:
     command = (words["raspberry"].format(shutter=shutter),) if pi else ()
     return (
         words["mode"].format(width=camera.width_px, height=camera.height_px, bits=camera.bit_depth),
-        words["focus"].format(distance=camera.position_mm[2]),
+        words["focus"].format(
+            distance=apparent_distance_mm(design.layers_to_camera(0.0)), place=camera.position_mm[2]
+        ),
         words["choose"] if timed is None else words["exposure"].format(time=timed, gain=camera.gain),
         *command,
     )
@@ -268,7 +275,7 @@ def _draw(built: Built, folder: Path) -> str:
         if step.way:
             x, y, z = (AWAY * sum(stretch[axis] for stretch in step.way) for axis in range(3))
             away = (x, y, z)
-            drawn = [Drawn(name, opened=name in OPENED) for name in there]
+            drawn = [Drawn(name, opened=name not in WHOLE) for name in there]
             drawn += [Drawn(name, away, arrow=name == step.parts[0]) for name in moving]
             wanted.append(Apart(_file(place, step), tuple(drawn), step.key in FROM_BELOW))
         there += moving
