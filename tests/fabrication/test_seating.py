@@ -351,21 +351,67 @@ def test_prints_lie_on_their_upper_face(folder: Path, name: str) -> None:
     assert printed.area_faces[on_bed].sum() > 0.5 * printed.area_faces[level].sum()
 
 
+def placed_parts(path: Path) -> dict[str, tuple[float, tuple[float, ...]]]:
+    """Solids of a STEP file of an assembly, read again: by name, volume and middle (mm)."""
+    found = {}
+    for node in cadquery.Assembly.importStep(str(path)).traverse():
+        _, part = node
+        if part.obj is not None and part.shapes:
+            whole = cadquery.Compound.makeCompound(part.shapes).moved(part.loc)
+            found[part.name] = (whole.Volume(), cadquery.Shape.centerOfMass(whole).toTuple())
+    return found
+
+
 @pytest.mark.slow
-def test_the_assembly_names_every_part(folder: Path) -> None:
-    text = (folder / "assembly.step").read_text(encoding="utf-8")
-    for name in (
-        "housing",
-        "lid",
-        "camera",
-        "screw_1",
-        "screw_4",
-        "insert_1",
-        "board_red",
-        "gelcore",
-        "elastomer",
-    ):
-        assert f"'{name}'" in text
+def test_the_assembly_read_again_has_every_part_by_name_in_its_place(folder: Path) -> None:
+    design = preset("default")
+    made = boards.boards(design).boards
+    shapes = parts(design, boards=made) | {board.name: solid(board) for board in made}
+    leds = {led.name: led.solid for led in built_leds(design, made)}
+    wanted = {name: shape for name, shape in shapes.items() if "mould" not in name and name != "led_array"}
+    for name in ("screws", "inserts"):
+        each = enumerate(wanted.pop(name).Solids(), start=1)
+        wanted |= {f"{name[:-1]}_{number}": one for number, one in each}
+    wanted |= leds
+    found = placed_parts(folder / "assembly.step")
+    assert set(wanted) <= set(found)
+    for name, shape in wanted.items():
+        volume, middle = found[name]
+        assert volume == pytest.approx(shape.Volume(), rel=1e-6)
+        assert middle == pytest.approx(cadquery.Shape.centerOfMass(shape).toTuple(), abs=1e-3)
+    with (folder / "leds.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    with (folder / "bom.csv").open(encoding="utf-8") as file:
+        items = {row["part"]: row["item"] for row in csv.DictReader(file)}
+    assert {items[row["part"]] for row in rows} == {"led_red", "led_green", "led_blue"}
+    assert all(items[row["part"]] == f"led_{row['group']}" for row in rows)
+    # An LED's front is where the table has its emitting face.
+    for row in rows:
+        name = f"led_{int(row['led']):03d}_{row['group']}"
+        normal = np.array([float(row[f"normal_{axis}"]) for axis in "xyz"])
+        face = np.array([float(row[f"{axis}_mm"]) for axis in "xyz"])
+        thickness_mm = leds[name].Volume() / 1.6**2
+        assert np.linalg.norm(np.array(found[name][1]) + thickness_mm / 2 * normal - face) < 0.05
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SEATED[1:])
+def test_files_of_the_other_seated_presets_are_closed_and_whole(name: str, tmp_path: Path) -> None:
+    """The default one is checked by `folder`; an export reads all files again and fails where one is off."""
+    manifest = export(preset(name), tmp_path / "out")
+    assert all(check["ok"] for check in manifest["checks"])
+    for path in [*(tmp_path / "out" / "stl").iterdir(), *(tmp_path / "out" / "3mf").iterdir()]:
+        assert read(path).is_watertight, path.name
+    names = set(placed_parts(tmp_path / "out" / "assembly.step"))
+    assert {"housing", "lid", "camera", "gelcore", "elastomer", "screw_4"} <= names
+    assert {board["name"] for board in manifest["boards"]} <= names
+    assert sum(name.startswith("led_0") for name in names) == sum(b["leds"] for b in manifest["boards"])
+
+
+@pytest.mark.slow
+def test_meshes_of_the_seated_default_are_closed(folder: Path) -> None:
+    for path in [*(folder / "stl").iterdir(), *(folder / "3mf").iterdir()]:
+        assert read(path).is_watertight, path.name
 
 
 @pytest.mark.slow
@@ -409,6 +455,40 @@ def test_what_cannot_be_seated_is_refused_before_anything_is_written(
     said = capsys.readouterr().err
     assert all(word in said for word in named), said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("changes", "options", "named"),
+    [
+        ({"leds.radius_mm": 16.2}, [], ["leds_inside_housing", "inner radius", "violated by 2.06 mm"]),
+        (
+            {"housing.inner_radius_mm": 15.45},
+            [],
+            ["board_red", "15.64 mm from the axis", "housing.inner_radius_mm", "15.25 mm"],
+        ),
+        ({}, ["--supply-v", "2.5"], ["kingbright-aptf1616", "forward voltage 2.65 V", "supply_v is 2.5 V"]),
+        ({"housing.top_mm": 25.0}, [], ["its screws hold and end short of the light", "violated by 1 mm"]),
+        ({"camera.body_radius_mm": 2.0}, [], ["housing.seats.camera", "its lens", "violated by 3.5 mm"]),
+        ({"camera.position_mm": (0.0, 0.0, 21.5)}, [], ["camera_board_above_plate", "5 mm or more"]),
+        ({"housing.inner_radius_mm": 14.0}, [], ["core_inside_housing", "violated by 1.01 mm"]),
+    ],
+)
+def test_bad_input_names_part_value_and_rule_and_leaves_nothing(
+    changes: dict[str, Any],
+    options: list[str],
+    named: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    design = tmp_path / "design.toml"
+    preset("default").replace(changes).save(design)
+    out = tmp_path / "out"
+    assert cli.main(["export", str(design), "--out", str(out), *options]) == 2
+    said = capsys.readouterr().err
+    assert all(word in said for word in named), said
+    assert "Traceback" not in said
+    assert [path.name for path in tmp_path.iterdir()] == ["design.toml"]
 
 
 @pytest.mark.renders
