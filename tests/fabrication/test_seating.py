@@ -183,7 +183,7 @@ def seat_of(board: Board, body: Any) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 @pytest.mark.slow
-def test_leds_are_in_their_place_when_boards_lie_in_their_seats(sensor: Any) -> None:
+def test_leds_are_in_their_place_after_assembly(sensor: Any) -> None:
     """Place on the board from its placement file, place of the board from the body's own faces."""
     design, made, shapes = sensor
     gap = design.housing.seats.gap_mm
