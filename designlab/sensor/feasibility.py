@@ -13,7 +13,7 @@ from designlab.sensor.led_mounting import face_corners, sides
 from designlab.sensor.parts import Parts
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
 from designlab.sensor.seating import camera_board, inside
-from geometries import elastomer, gelcore
+from geometries import elastomer, gelcore, step_part
 from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
@@ -66,6 +66,8 @@ RULES: dict[str, str] = {
     f"{MINIMUM_WALL_MM} mm under a level board, hold the gelcore from all sides",
     "seats_outside_view": "housing.seats: collar and tabs stand outside the view of the sensing area",
     "seats_clear_of_leds": f"housing.seats: the collar stands {LIT_MM} mm or more from LEDs beside it",
+    "housing_outside_view": "housing.step: it stands outside the view of the sensing area",
+    "housing_clear_of_leds": "housing.step: no LED body reaches into it",
     "camera_board_fits": "housing.seats.camera: its lens is no wider than camera.body_radius_mm says",
     "camera_board_above_plate": f"housing.seats.camera: it lies {LEAST_HEAD_MM:g} mm or more above the "
     "camera plate's underside, so that its screws hold and end short of the light",
@@ -88,7 +90,7 @@ SHAPED = ("core_sides", "core_radius", "core_height", "dome_radius")
 def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
     values: dict[str, float] = {}
-    for part in (_seat_margins, _led_margins, _body_margins, _camera_margins):
+    for part in (_seat_margins, _step_margins, _led_margins, _body_margins, _camera_margins):
         values |= part(design)
     # A rule that does not apply has the margin -inf; one that cannot be told is not met.
     told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
@@ -456,6 +458,38 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     found["camera_board_above_plate"] = LEAST_HEAD_MM + housing.top_mm - seat_mm
     found["camera_board_above_core"] = LIT_MM + _highest_mm(design) - (seat_mm - board.lens_height_mm)
     return found
+
+
+def _step_margins(design: Parts) -> dict[str, float]:
+    """Margins of a housing of one's own; -inf of a tube."""
+    if design.housing.step is None:
+        return dict.fromkeys(("housing_outside_view", "housing_clear_of_leds"), -math.inf)
+    return _margins_of_step(design)
+
+
+def _margins_of_step(design: Parts) -> dict[str, float]:
+    assert design.housing.step is not None
+    own = step_part.mesh(design.housing.step)
+    corners = np.asarray(own.triangles)
+    area, distance_mm = _sensing_area_seen(design)
+    below = corners[(corners[:, :, 2] < design.camera.eye_mm[2] - 1e-6).all(axis=1)]
+    seen = tangents(design, below.reshape(-1, 3)).reshape(-1, 3, 2) * distance_mm
+    outward, _ = _sides(area)
+    # Triangles beyond one side of the sensing area are clear of it.
+    beyond = (seen @ outward.T).min(axis=1) - (area @ outward.T).max(axis=0)
+    clear = float(beyond.max(axis=1).min()) if len(below) else math.inf
+    near = below[beyond.max(axis=1) <= 0] if len(below) else below
+    into = intrusion_into_view_mm(design, list(near)) if len(near) else -clear
+    share = np.linspace(-1.0, 1.0, 3)
+    grid = np.stack(np.meshgrid(share, share, share), axis=-1).reshape(-1, 3)
+    points = np.concatenate(
+        [
+            np.asarray(body.centre_mm)
+            + (grid * body.half_mm) @ np.array([body.across, body.down, body.normal])
+            for body in bodies(design.leds)
+        ]
+    )
+    return {"housing_outside_view": into, "housing_clear_of_leds": step_part.depth_mm(own, points)}
 
 
 def _too_far_down(gel: Elastomer, outline: Array) -> float:

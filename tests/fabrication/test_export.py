@@ -24,11 +24,11 @@ from designlab.fabrication.boards import boards
 from designlab.fabrication.boards.orders import solid as board_solid
 from designlab.fabrication.checks import FileCheck, check_overlaps, mesh_checks, overlap_mm3, require
 from designlab.fabrication.tables import CLEAR_STOCK, led_rows
-from designlab.fabrication.triangles import open_edges, printable, read, write_3mf
+from designlab.fabrication.triangles import printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, load, preset
 from designlab.sensor.optical_constants import MATERIALS
 from geometries.elastomer import base_mm
-from geometries.mesh import from_solid
+from geometries.mesh import from_solid, open_edges
 from geometries.probes import parse
 
 PRESETS = ("default", "gelsight-2020-flat", "gelsight-2020-dome")
