@@ -32,7 +32,8 @@ LEAST_HEAD_MM = 5.0  # a threaded insert of 4 mm, and a closed floor under it
 LIT_MM = 0.3  # kept free beside LEDs
 
 RULES: dict[str, str] = {
-    "leds_inside_housing": "every LED body lies inside the housing's inner radius",
+    "leds_inside_housing": "every LED body lies inside the housing's inner radius, and outside the walls of "
+    "a housing.step",
     "leds_below_plate": "every LED body lies below the camera plate",
     "leds_above_membrane": "every LED body lies above the membrane plane",
     "leds_clear_of_core": "no LED body reaches into gelcore or elastomer; the emitting face of a bonded one "
@@ -57,7 +58,8 @@ RULES: dict[str, str] = {
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
     "view_through_window": "the camera sees the sensing area through the gelcore's clear window and between "
     "its sides",
-    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
+    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate, and past a "
+    "housing.step",
     "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
     "mirror_above_core": "camera and mirror stand above the gelcore",
     "seats_hold_core": f"housing.seats: collar, or ledges of the tabs, meet {LEAST_RIM_MM} mm or more of the "
@@ -66,8 +68,6 @@ RULES: dict[str, str] = {
     f"{MINIMUM_WALL_MM} mm under a level board, hold the gelcore from all sides",
     "seats_outside_view": "housing.seats: collar and tabs stand outside the view of the sensing area",
     "seats_clear_of_leds": f"housing.seats: the collar stands {LIT_MM} mm or more from LEDs beside it",
-    "housing_outside_view": "housing.step: it stands outside the view of the sensing area",
-    "housing_clear_of_leds": "housing.step: no LED body reaches into it",
     "camera_board_fits": "housing.seats.camera: its lens is no wider than camera.body_radius_mm says",
     "camera_board_above_plate": f"housing.seats.camera: it lies {LEAST_HEAD_MM:g} mm or more above the "
     "camera plate's underside, so that its screws hold and end short of the light",
@@ -90,8 +90,10 @@ SHAPED = ("core_sides", "core_radius", "core_height", "dome_radius")
 def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
     values: dict[str, float] = {}
-    for part in (_seat_margins, _step_margins, _led_margins, _body_margins, _camera_margins):
+    for part in (_seat_margins, _led_margins, _body_margins, _camera_margins):
         values |= part(design)
+    for rule, margin in _step_margins(design).items():
+        values[rule] = max(values[rule], margin)
     # A rule that does not apply has the margin -inf; one that cannot be told is not met.
     told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
     return {rule: margin for rule, margin in told.items() if margin > -math.inf}
@@ -461,14 +463,9 @@ def _seat_margins(design: Parts) -> dict[str, float]:
 
 
 def _step_margins(design: Parts) -> dict[str, float]:
-    """Margins of a housing of one's own; -inf of a tube."""
+    """What a housing of one's own adds to the margins of rules."""
     if design.housing.step is None:
-        return dict.fromkeys(("housing_outside_view", "housing_clear_of_leds"), -math.inf)
-    return _margins_of_step(design)
-
-
-def _margins_of_step(design: Parts) -> dict[str, float]:
-    assert design.housing.step is not None
+        return {}
     own = step_part.mesh(design.housing.step)
     corners = np.asarray(own.triangles)
     area, distance_mm = _sensing_area_seen(design)
@@ -489,7 +486,7 @@ def _margins_of_step(design: Parts) -> dict[str, float]:
             for body in bodies(design.leds)
         ]
     )
-    return {"housing_outside_view": into, "housing_clear_of_leds": step_part.depth_mm(own, points)}
+    return {"view_through_plate": into, "leds_inside_housing": step_part.depth_mm(own, points)}
 
 
 def _too_far_down(gel: Elastomer, outline: Array) -> float:

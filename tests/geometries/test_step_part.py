@@ -122,8 +122,8 @@ def column(x: float, y: float, width: float, low: float, high: float) -> cadquer
 @pytest.mark.parametrize(
     ("post", "rule"),
     [
-        (column(0.0, 14.0, 2.0, 5.0, 22.0), "housing_clear_of_leds"),  # through a red LED
-        (column(0.0, 0.0, 0.5, 15.0, 22.0), "housing_outside_view"),
+        (column(0.0, 14.0, 2.0, 5.0, 22.0), "leds_inside_housing"),  # through a red LED
+        (column(0.0, 0.0, 0.5, 15.0, 22.0), "view_through_plate"),
         (column(14.5, 0.0, 1.0, 5.0, 22.0), ""),
     ],
 )
@@ -137,8 +137,8 @@ def test_a_part_in_the_way_breaks_a_rule(post, rule, tmp_path):
 @pytest.mark.slow
 @pytest.mark.renders
 def test_light_sees_a_part_of_ones_own(tmp_path):
-    """A black tube of one's own changes nothing; a wall before the red LEDs takes their light."""
-    wall = cadquery.Workplane("XY", origin=(0, 13.15, 6.0)).box(14.0, 0.1, 8.0)
+    """A black tube of one's own changes nothing; a wall before two of three red LEDs takes their light."""
+    wall = cadquery.Workplane("XY", origin=(-3.0, 13.15, 6.0)).box(9.0, 0.1, 8.0)
     found = {}
     for name, design in (
         ("tube", TUBE),
@@ -147,7 +147,7 @@ def test_light_sees_a_part_of_ones_own(tmp_path):
     ):
         found[name] = Simulator(design, columns=64, samples=64, seed=1).frame(None).basis.mean(axis=(1, 2))
     assert found["own"] == pytest.approx(found["tube"], rel=0.03)
-    assert found["walled"][0] < 0.05 * found["tube"][0]
+    assert 0.1 < found["walled"][0] / found["tube"][0] < 0.6
     assert found["walled"][1:] == pytest.approx(found["tube"][1:], rel=0.05)
 
 
