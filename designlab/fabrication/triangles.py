@@ -73,7 +73,8 @@ def printable(shape: "cadquery.Shape", *, bound_mm: float) -> tuple["trimesh.Tri
         thin, distance = _thinned(pymeshlab, fine, share)
         if distance <= bound_mm and open_edges(thin) == 0:
             return thin, report | {"triangles": len(thin.faces), "hausdorff_mm": distance}
-        least = share * distance / bound_mm  # the distance falls as the number of triangles grows
+        # The distance falls as the number of triangles grows: shares before that are not worth a try.
+        least = min(share * distance / bound_mm, _KEPT_SHARES[-1])
     report["note"] = f"not thinned: no reduction stayed within {bound_mm:g} mm and closed"
     return fine, report
 

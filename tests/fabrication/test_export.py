@@ -111,8 +111,10 @@ def test_volumes_are_those_of_closed_forms(exports: dict[str, Path]) -> None:
     assert volumes["gelcore"] == pytest.approx(hexagon * design.gelcore.height_mm, rel=1e-9)
     assert volumes["elastomer"] == pytest.approx(hexagon * design.elastomer.thickness_mm, rel=1e-9)
     leds, housing = design.leds, design.housing
-    board = leds.body_width_mm * leds.body_height_mm * leds.body_thickness_mm
-    assert volumes["led_array"] == pytest.approx(9 * board, rel=1e-9)
+    # On their boards LEDs are those that are bought: Kingbright APTF1616, 1.6 x 1.6 x 0.7 mm.
+    assert volumes["led_array"] == pytest.approx(9 * 1.6 * 1.6 * 0.7, rel=1e-9)
+    drawn = leds.body_width_mm * leds.body_height_mm * leds.body_thickness_mm
+    assert parts(design)["led_array"].Volume() == pytest.approx(9 * drawn, rel=1e-9)
     inner, outer = housing.inner_radius_mm, housing.inner_radius_mm + housing.wall_mm
     tube = np.pi * (outer**2 - inner**2) * (housing.top_mm - housing.bottom_mm)
     plate = np.pi * (outer**2 - (housing.camera_hole_mm / 2) ** 2) * housing.plate_mm
@@ -188,13 +190,15 @@ def test_assembly_names_and_colours_every_part(exports: dict[str, Path]) -> None
     path = exports["default"] / "assembly.step"
     text = path.read_text()
     design = tube("default")
+    carried = boards(design).boards
     for name in ("gelcore", "elastomer", "housing", "led_001_red", "led_004_green", "led_009_blue"):
         assert f"'{name}'" in text
     assert "COLOUR_RGB" in text
     loaded = cadquery.importers.importStep(str(path))
     total = sum(solid.Volume() for shape in loaded.vals() for solid in shape.Solids())
-    made = sum(parts(design)[name].Volume() for name in SENSOR)
-    made += sum(board_solid(board).Volume() for board in boards(design).boards)
+    built = parts(design, boards=carried)
+    made = sum(built[name].Volume() for name in SENSOR)
+    made += sum(board_solid(board).Volume() for board in carried)
     assert total == pytest.approx(made, rel=1e-6)
 
 
