@@ -127,7 +127,9 @@ def bill(
         if made is not None:
             channel = made.channels[held[0]]
             count = sum(place.groups == held for board in made.boards for place in board.blank.places)
-            text = f"{channel.part.maker} {channel.number}".strip() + f"; the design has {text}"
+            lit = _listed([made.channels[index].colour for index in held])
+            number = f"{channel.part.maker} {channel.number}".strip()
+            text = f"{number}, lit in {lit}; the design has {text}"
             note = f"come on the LED boards; {note}"
         rows.append(_row(led_item(design, held), count, text, None, None, note))
     camera = design.camera
