@@ -328,7 +328,7 @@ def test_overlap_fails_where_light_crosses_the_core() -> None:
 
 @pytest.mark.slow
 def test_infeasible_design_is_refused_unless_allowed(tmp_path: Path, cheap: None) -> None:
-    design = preset("default").replace({"leds.radius_mm": 15.5})
+    design = tube("default").replace({"leds.radius_mm": 15.5})
     with pytest.raises(InfeasibleDesign, match="leds_inside_housing"):
         export(design, tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -403,7 +403,7 @@ def test_failed_check_leaves_the_earlier_export(
     tmp_path: Path, cheap: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    export(preset("default"), out)
+    export(tube("default"), out, boards=False)
     before = (out / "manifest.json").read_bytes()
 
     whole = trimesh.Trimesh.export
@@ -415,7 +415,7 @@ def test_failed_check_leaves_the_earlier_export(
 
     monkeypatch.setattr(trimesh.Trimesh, "export", holed)
     with pytest.raises(RuntimeError, match=r"gelcore gelcore\.stl: open edges is 3 1, bound 0"):
-        export(preset("default"), out)
+        export(tube("default"), out, boards=False)
     assert (out / "manifest.json").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -444,7 +444,7 @@ def test_without_pymeshlab_the_fine_mesh_is_written(monkeypatch: pytest.MonkeyPa
 def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
     source = tmp_path / "my probe.stl"
     from_solid(cadquery.Workplane("XY").box(3, 2, 1)).export(source)
-    manifest = export(preset("default"), tmp_path / "out", probes=[parse(f"{source}:6")])
+    manifest = export(tube("default"), tmp_path / "out", boards=False, probes=[parse(f"{source}:6")])
     triangles = stl_triangles(tmp_path / "out" / "stl" / "probe_my_probe_6mm.stl")
     assert signed_volume(triangles) == pytest.approx(8 * 6, rel=1e-5)
     assert manifest["parts"]["probe_my_probe_6mm"]["size_mm"] == pytest.approx([6, 4, 2])
@@ -452,7 +452,9 @@ def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
 
 @pytest.mark.slow
 def test_a_rounded_probe_is_written_beside_the_sharp_one(tmp_path: Path, cheap: None) -> None:
-    manifest = export(preset("default"), tmp_path / "out", probes=["triangle:5", "triangle:5:r0.3"])
+    manifest = export(
+        tube("default"), tmp_path / "out", boards=False, probes=["triangle:5", "triangle:5:r0.3"]
+    )
     sharp, rounded = (
         stl_triangles(tmp_path / "out" / "stl" / f"probe_triangle_5mm{edge}.stl")
         for edge in ("", "_edge_0.3mm")
