@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from geometries import step_part
 from geometries.spec import Spec, quantity
+from geometries.step_part import StepPart
 
 if TYPE_CHECKING:
     import cadquery
@@ -40,7 +42,7 @@ class Seats(Spec):
 
 
 class Housing(Spec):
-    """Round tube from the membrane's edge up to the camera plate. Sensor frame."""
+    """Round tube from the membrane's edge up to the camera plate, or a part of one's own. Sensor frame."""
 
     inner_radius_mm: float = quantity(17.0, unit="mm", gt=1, le=200)
     """Inner radius of the tube."""
@@ -57,6 +59,10 @@ class Housing(Spec):
     seats: Seats | None = None
     """Seats for gelcore, LED boards and camera, and a lid; `seats = true` takes their defaults. A plain tube
     when absent."""
+
+    step: StepPart | None = None
+    """A housing of one's own instead of the tube, from a closed STEP file; inner_radius_mm, bottom_mm, top_mm
+    and camera_hole_mm say what room it leaves, for the rules."""
 
     @field_validator("seats", mode="before")
     @classmethod
@@ -75,12 +81,19 @@ class Housing(Spec):
                 f"camera_hole_mm: must be below the inner diameter ({2 * self.inner_radius_mm:g} mm), "
                 f"is {self.camera_hole_mm:g} mm"
             )
+        if self.step is not None and self.seats is not None:
+            raise ValueError(
+                "step: a housing of one's own has the seats that it is drawn with; leave out seats"
+            )
         return self
 
 
 def solid(spec: Housing) -> "cadquery.Workplane":
-    """Build tube and camera plate as one closed CadQuery solid in the sensor frame (mm)."""
+    """Build tube and camera plate as one closed solid in the sensor frame (mm), or take one's own."""
     import cadquery
+
+    if spec.step is not None:
+        return step_part.solid(spec.step)
 
     inner, outer, top = spec.inner_radius_mm, spec.inner_radius_mm + spec.wall_mm, spec.top_mm
     corners = [(inner, spec.bottom_mm), (outer, spec.bottom_mm), (outer, top + spec.plate_mm)]

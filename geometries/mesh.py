@@ -50,7 +50,7 @@ def from_solid(
     for shape in shapes:
         # A copy carries no triangulation; OpenCASCADE would keep an older, finer one.
         points, triangles = shape.copy().tessellate(tolerance_mm, np.deg2rad(angular_tolerance_deg))
-        vertices, faces = _merged(np.array([p.toTuple() for p in points]), np.array(triangles))
+        vertices, faces = merged(np.array([p.toTuple() for p in points]), np.array(triangles))
         meshes.append(trimesh.Trimesh(vertices, faces, process=False))
     mesh = cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
@@ -68,7 +68,18 @@ def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":
     return [solid for value in work.vals() if isinstance(value, cadquery.Shape) for solid in value.Solids()]
 
 
-def _merged(
+def open_edges(mesh: "trimesh.Trimesh") -> int:
+    """Count edges whose two directions are not used equally often; 0 on a closed, consistently wound surface.
+
+    Unlike "two triangles an edge", this also holds where two closed bodies touch along an edge.
+    """
+    start, end = mesh.edges.astype(np.int64).T
+    key = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)
+    _, edge = np.unique(key, return_inverse=True)
+    return int(np.count_nonzero(np.bincount(edge, weights=np.where(start < end, 1.0, -1.0))))
+
+
+def merged(
     points: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Join points nearer than `MERGE_MM` and drop the triangles that collapse."""

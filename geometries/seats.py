@@ -39,6 +39,9 @@ RIM_MM = 1.0  # of the head around the lid
 CABLE_MM = 4.0
 """Width and height of the hole for the LEDs' wires."""
 CORE_RING_MM = 2.0
+SHOULDER_MM = 2.6
+"""Width of what carries a peg behind a level board: within the room of a screw's head."""
+PEG_PLAY_MM = 0.2  # on the diameter: a board turns by less than half a degree
 FRONT_MM = 4.0  # kept free before a board: LEDs and wires
 
 
@@ -56,7 +59,8 @@ class Plate(NamedTuple):
     """A flat board: its front's frame in the sensor frame, and its outline in it (mm).
 
     `bounds` is (x from, y from, x to, y to). `behind` are boxes at its back that are kept free, (x from,
-    x to, y from, y to, depth). A ring lies about the axis, with a bore.
+    x to, y from, y to, depth). A ring lies about the axis, with a bore; pegs in its `holes`, each (x, y,
+    diameter), keep it from turning.
     """
 
     name: str
@@ -68,6 +72,7 @@ class Plate(NamedTuple):
     thickness_mm: float
     behind: tuple[Box, ...]
     ring: bool = False
+    holes: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def upright(self) -> bool:
@@ -245,6 +250,8 @@ def body(
                 seat = seat.cut(_kept_free(plate, gap))
         block = block.union(seat)
     for plate in plates:
+        for drilled in plate.holes if plate.ring else ():
+            block = block.union(_peg(plate, drilled, top))
         for box in plate.behind if not plate.ring else ():
             block = block.cut(_wire_way(plate, box, inner, housing.wall_mm, top))
     if within.collar is not None:
@@ -316,6 +323,15 @@ def _pad(plate: Plate, gap: float, inner: float, low: float, top: float) -> "cad
     # Over a board that leans inwards the stop rises straight.
     edge = np.asarray(plate.origin) + y1 * np.asarray(plate.y)
     return seat.cut(disc(float(np.hypot(*edge[:2])), edge[2], top + 1)) if not plate.upright else seat
+
+
+def _peg(plate: Plate, hole: tuple[float, float, float], top: float) -> "cadquery.Workplane":
+    """Column from the camera plate down to a level board's back, and its peg through a hole of the board."""
+    x, y, diameter = hole
+    at = np.asarray(plate.origin) + x * np.asarray(plate.x) + y * np.asarray(plate.y)
+    front, back = at[2], at[2] - plate.normal[2] * plate.thickness_mm
+    column = disc(SHOULDER_MM / 2, back, top).union(disc((diameter - PEG_PLAY_MM) / 2, front, top))
+    return column.translate((float(at[0]), float(at[1]), 0.0))
 
 
 def _kept_free(plate: Plate, gap: float) -> "cadquery.Workplane":

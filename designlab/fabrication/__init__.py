@@ -35,6 +35,8 @@ from designlab.fabrication.parts import (
     MOULD_WALL_MM,
     SEATED_PARTS,
     SENSOR_PARTS,
+    Led,
+    built_leds,
     parts,
     probe_name,
 )
@@ -85,11 +87,13 @@ BOARD_COLOUR = (0.08, 0.09, 0.1, 1.0)
 class Built(NamedTuple):
     """What an export made, for who describes it.
 
-    Solids and steps of assembly lie in the sensor frame (mm); `carried` are the numbers of each board's LEDs.
+    Solids and steps of assembly lie in the sensor frame (mm); `carried` are the numbers of each board's LEDs
+    in `leds`.
     """
 
     design: Design
     shapes: Mapping[str, "cadquery.Shape"]
+    leds: Sequence[Led]
     order: Sequence[assembly.Step]
     carried: Mapping[str, Sequence[int]]
     boards: Boards | None
@@ -258,11 +262,11 @@ def _write(
         checks += [*found, *check_step(board.name, step, board_shapes[board.name])]
     progress("assembly", steps - 2 - more, steps)
     sensor = [name for name in shapes if name in (*SENSOR_PARTS, *SEATED_PARTS)]
-    checks += _write_assembly(design, folder, {name: shapes[name] for name in sensor}, board_shapes)
+    leds = built_leds(design, boards)
+    checks += _write_assembly(design, folder, {name: shapes[name] for name in sensor}, board_shapes, leds)
     progress("checks", steps - 1 - more, steps)
     pairs = [*combinations(sensor, 2), *combinations(CASTING_PARTS, 2), *combinations(board_shapes, 2)]
-    # A board carries the LEDs, whose drawn bodies may be thicker than the part that is bought.
-    pairs += [(name, part) for name in board_shapes for part in sensor if part != "led_array"]
+    pairs += [(name, part) for name in board_shapes for part in sensor]
     note = "accepted: allow_infeasible"
     overlaps = check_overlaps(design, {**shapes, **board_shapes}, pairs)
     if allow_infeasible:
@@ -278,6 +282,7 @@ def _write(
         if allow_infeasible:
             fitted = [check if check.ok else check._replace(ok=True, note=note) for check in fitted]
         checks += fitted
+    bought = numbered([*bill(design, shapes, made), *map(bill_row, boards)])
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
         "kind": KIND,
@@ -294,7 +299,7 @@ def _write(
         "parts": described,
         "boards": described_boards,
         "drive": [] if made is None else [channel.told() for channel in made.channels],
-        "bom": numbered([*bill(design, shapes), *map(bill_row, boards)]),
+        "bom": bought,
         "led_count": len(bodies(design.leds)),
         "margins_mm": design.margins(),
         "walls": {
@@ -313,11 +318,11 @@ def _write(
         ],
         "checks": [check._asdict() for check in checks],
     }
-    write_csv(led_rows(design), folder / "leds.csv")
+    write_csv(led_rows(design, {row["item"]: row["part"] for row in bought}), folder / "leds.csv")
     write_csv(manifest["bom"], folder / "bom.csv")
     (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
     _write_json(manifest["checks"], folder / "checks.json")
-    return Built(design, {**shapes, **board_shapes}, order, carried, made, manifest), steps
+    return Built(design, {**shapes, **board_shapes}, leds, order, carried, made, manifest), steps
 
 
 def _close(design: Design, folder: Path, manifest: dict[str, Any]) -> None:
@@ -410,6 +415,7 @@ def _write_assembly(
     folder: Path,
     shapes: Mapping[str, "cadquery.Shape"],
     boards: Mapping[str, "cadquery.Shape"],
+    leds: Sequence[Led],
 ) -> list[FileCheck]:
     """Write the sensor's parts in place, named and coloured, into one STEP file."""
     import cadquery
@@ -421,11 +427,9 @@ def _write_assembly(
             named = name if len(solids) == 1 else f"{name.rstrip('s')}_{number}"
             assembly.add(solid, name=named, color=cadquery.Color(*rgba))
     array = cadquery.Assembly(name="led_array")
-    for number, body in enumerate(bodies(design.leds)):
-        groups = [design.leds.groups[index] for index in body.groups]
-        colour = cadquery.Color(*package_colour(groups), 1.0)
-        name = "_".join([f"led_{number + 1:03d}", *(group.name for group in groups)])
-        array.add(shapes["led_array"].Solids()[number], name=name, color=colour)
+    for led in leds:
+        groups = [design.leds.groups[index] for index in led.groups]
+        array.add(led.solid, name=led.name, color=cadquery.Color(*package_colour(groups), 1.0))
     assembly.add(array)
     for name, shape in boards.items():
         assembly.add(shape, name=name, color=cadquery.Color(*BOARD_COLOUR))

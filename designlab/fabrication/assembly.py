@@ -9,10 +9,9 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.checks import FileCheck, overlap_mm3
+from designlab.fabrication.parts import built_leds
 from designlab.fabrication.seating import plates
 from designlab.sensor.design import Design
-from geometries import seats
-from geometries.leds import bodies
 
 if TYPE_CHECKING:
     import cadquery
@@ -156,16 +155,11 @@ def _shift(by: Sequence[float]) -> "cadquery.Location":
 
 
 def leds_on(boards: Sequence[Board], design: Design) -> dict[str, list[int]]:
-    """Numbers of the LEDs on each board, in the order of `geometries.leds.bodies`; they go in with it."""
+    """Numbers of the LEDs on each board, in the order of `built_leds`; they go in with it."""
     found: dict[str, list[int]] = {}
-    for number, body in enumerate(bodies(design.leds)):
-        for plate in plates(boards):
-            away = np.asarray(body.centre_mm) - plate.origin
-            x, y, z = (float(away @ np.asarray(axis)) for axis in (plate.x, plate.y, plate.normal))
-            x0, y0, x1, y1 = plate.bounds
-            if x0 <= x <= x1 and y0 <= y <= y1 and abs(z) < seats.FRONT_MM:
-                found.setdefault(plate.name, []).append(number)
-                break
+    for number, led in enumerate(built_leds(design, boards)):
+        if led.board:
+            found.setdefault(led.board, []).append(number)
     return found
 
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from designlab.fabrication.triangles import open_edges, read
+from designlab.fabrication.triangles import read
 from designlab.sensor.design import Design
-from geometries.mesh import solids
+from geometries.mesh import open_edges, solids
 
 if TYPE_CHECKING:
     import cadquery

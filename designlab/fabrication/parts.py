@@ -2,11 +2,13 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from designlab.fabrication.boards.drawn import Board
+from designlab.fabrication.boards.orders import led_solids
 from designlab.fabrication.seating import seated_parts
 from designlab.sensor.design import Design
 from geometries import elastomer, gelcore, housing, leds, probes
@@ -33,6 +35,47 @@ PIN_CLEARANCE_MM = 0.2  # on the diameter: printed pins grow, printed holes shri
 GROOVE_WIDTH_MM, GROOVE_DEPTH_MM = 1.0, 0.5
 
 
+class Led(NamedTuple):
+    """An LED as it is built: its name, its groups, the board that carries it if any, and its solid."""
+
+    name: str
+    groups: tuple[int, ...]
+    board: str
+    solid: "cadquery.Shape"
+
+
+def built_leds(design: Design, boards: Sequence[Board]) -> list[Led]:
+    """LEDs in the order of the design's packages: those that the boards carry, else as the design draws them.
+
+    A package that a board fills with several LEDs gives each a name with a number of its own.
+    """
+    found = leds.bodies(design.leds)
+    names = [
+        "_".join([f"led_{n:03d}", *_names(design, body.groups)]) for n, body in enumerate(found, start=1)
+    ]
+    if not boards:
+        shapes = solids(leds.solid(design.leds))
+        return [
+            Led(name, body.groups, "", shape) for name, body, shape in zip(names, found, shapes, strict=True)
+        ]
+    held: list[tuple[int, Led]] = []
+    for board in boards:
+        for place, shape in zip(board.blank.places, led_solids(board), strict=True):
+            held.append((place.body, Led(names[place.body], place.groups, board.name, shape)))
+    held.sort(key=lambda numbered: numbered[0])
+    count = Counter(number for number, _ in held)
+    seen: Counter[int] = Counter()
+    made = []
+    for number, led in held:
+        seen[number] += 1
+        made.append(led if count[number] == 1 else led._replace(name=f"{led.name}_{seen[number]}"))
+    return made
+
+
+def _names(design: Design, groups: Sequence[int]) -> list[str]:
+    return [design.leds.groups[index].name for index in groups]
+
+
 def parts(
     design: Design, *, probe_list: Sequence[Probe] = (), boards: Sequence[Board] = ()
 ) -> dict[str, "cadquery.Shape"]:
@@ -45,13 +88,13 @@ def parts(
     probe_list : sequence of Probe
         Indenters to add as ``probe_<kind>_<size>``, in their own frame; mesh probes have no solid: refused.
     boards : sequence of Board
-        LED boards that a housing with seats has pockets for.
+        LED boards that a housing with seats has pockets for, and whose LEDs are drawn.
 
     Returns
     -------
     dict of str to cadquery.Shape
-        ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid a
-        package), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes. A
+        ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid an
+        LED), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes. A
         housing with seats adds ``lid``, ``camera``, ``screws`` and, where needed, ``inserts``, ``core_ring``.
 
     Raises
@@ -69,7 +112,7 @@ def parts(
     found = {
         "gelcore": core,
         "elastomer": gel,
-        "led_array": _shape(leds.solid(design.leds)),
+        "led_array": _joined([led.solid for led in built_leds(design, boards)]),
         **(
             {"housing": _shape(housing.solid(design.housing))}
             if design.housing.seats is None
@@ -89,9 +132,12 @@ def probe_name(probe: Probe) -> str:
 
 def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":
     """Join what stands on a workplane into one shape: the solid, or a compound of several."""
+    return _joined(solids(work))
+
+
+def _joined(found: "Sequence[cadquery.Shape]") -> "cadquery.Shape":
     import cadquery
 
-    found = solids(work)
     return found[0] if len(found) == 1 else cadquery.Compound.makeCompound(found)
 
 

@@ -62,7 +62,8 @@ def plates(boards: Iterable[Board]) -> list[Plate]:
             (float(a), float(b), float(c)) for a, b, c in (frame.origin, frame.x, frame.y, frame.normal)
         )
         bounds = board.outline.bounds
-        found.append(Plate(board.name, origin, x, y, normal, bounds, board.thickness_mm, tuple(behind), ring))
+        thickness, holes = board.thickness_mm, board.holes
+        found.append(Plate(board.name, origin, x, y, normal, bounds, thickness, tuple(behind), ring, holes))
     return found
 
 

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from designlab.fabrication.boards import Boards
 from designlab.fabrication.seating import BOUGHT, screw_length_mm
 from designlab.sensor.design import Design
 from designlab.sensor.seating import mount
@@ -37,8 +38,12 @@ CASTING_SURPLUS = 1.3
 """Gel to mix over the gel's volume: overflow, cup and nozzle keep some."""
 
 
-def led_rows(design: Design) -> list[dict[str, Any]]:
-    """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux."""
+def led_rows(design: Design, numbers: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux.
+
+    `numbers` are part numbers of the bill of materials, by item.
+    """
+    packages = [led_item(design, body.groups) for body in bodies(design.leds)]
     strips = len(design.leds.emitting_spans_mm)  # the LED is the package's number, as in the assembly
     flux = "relative_flux" if design.leds.relative_flux else "flux_mw"
     found = emitters(design.leds)
@@ -53,6 +58,7 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
             {
                 "group": group.name,
                 "led": emitter.body + 1,
+                **({} if numbers is None else {"part": numbers[packages[emitter.body]]}),
                 "strip": index % strips + 1,
                 "x_mm": x,
                 "y_mm": y,
@@ -69,6 +75,11 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
     return [{key: round(v, 6) + 0.0 if isinstance(v, float) else v for key, v in row.items()} for row in rows]
 
 
+def led_item(design: Design, groups: Sequence[int]) -> str:
+    """Item of the bill of materials for packages that hold some groups."""
+    return "_".join(["led", *(design.leds.groups[index].name for index in groups)])
+
+
 def _colours(groups: Sequence[LedGroup]) -> str:
     """Peaks of groups in nm, or the names of their spectra."""
     if any(group.spectrum is not None for group in groups):
@@ -76,10 +87,13 @@ def _colours(groups: Sequence[LedGroup]) -> str:
     return f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm"
 
 
-def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
+def bill(
+    design: Design, shapes: Mapping[str, "cadquery.Shape"], made: Boards | None = None
+) -> list[dict[str, Any]]:
     """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought.
 
-    LEDs are counted in packages: one that groups share is one row, with a channel for each.
+    LEDs are counted in packages: one that groups share is one row, with a channel for each. Where boards are
+    `made`, they are the LEDs on these.
     """
     clear = {"gelcore": design.optics.gelcore_material, "elastomer": design.optics.elastomer_material}
     rows = []
@@ -95,7 +109,8 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     gel = next(row for row in rows if row["item"] == "elastomer")
     gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
     coating = f"reflective coating, {_membrane_area_mm2(shapes['elastomer']):.0f} mm2"
-    rows.append(_row("membrane", 1, coating, None, None, "see optics.membrane_albedo"))
+    albedo = ", ".join(f"{value:.2g}" for value in design.per_group("membrane_albedo"))
+    rows.append(_row("membrane", 1, coating, None, None, f"pigment in silicone; reflectance {albedo}"))
     leds = design.leds
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
     packages = Counter(body.groups for body in bodies(leds))
@@ -108,9 +123,15 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         if bought:
             parts = [design.led_part(name) for name in bought]
             text = f"{_listed([f'{part.maker} {part.number}'.strip() for part in parts])}, {text}"
-        item = "_".join(["led", *(g.name for g in groups)])
         note = "places in leds.csv" if len(held) == 1 else f"{len(held)} channels; places in leds.csv"
-        rows.append(_row(item, count, text, None, None, note))
+        if made is not None:
+            channel = made.channels[held[0]]
+            count = sum(place.groups == held for board in made.boards for place in board.blank.places)
+            lit = _listed([made.channels[index].colour for index in held])
+            number = f"{channel.part.maker} {channel.number}".strip()
+            text = f"{number}, lit in {lit}; the design has {text}"
+            note = f"come on the LED boards; {note}"
+        rows.append(_row(led_item(design, held), count, text, None, None, note))
     camera = design.camera
     text = (
         f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g} deg horizontal, "

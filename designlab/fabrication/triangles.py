@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-import numpy as np
-
-from geometries.mesh import from_solid
+from geometries.mesh import from_solid, open_edges
 
 if TYPE_CHECKING:
     import cadquery
@@ -68,23 +66,17 @@ def printable(shape: "cadquery.Shape", *, bound_mm: float) -> tuple["trimesh.Tri
     if len(fine.faces) < _SMALLEST_TO_THIN:
         report["note"] = f"not thinned: fewer than {_SMALLEST_TO_THIN} triangles"
         return fine, report
+    least = 0.0
     for share in _KEPT_SHARES:
+        if share < least:
+            continue
         thin, distance = _thinned(pymeshlab, fine, share)
         if distance <= bound_mm and open_edges(thin) == 0:
             return thin, report | {"triangles": len(thin.faces), "hausdorff_mm": distance}
+        # The distance falls as the number of triangles grows: shares before that are not worth a try.
+        least = min(share * distance / bound_mm, _KEPT_SHARES[-1])
     report["note"] = f"not thinned: no reduction stayed within {bound_mm:g} mm and closed"
     return fine, report
-
-
-def open_edges(mesh: "trimesh.Trimesh") -> int:
-    """Count edges whose two directions are not used equally often; 0 on a closed, consistently wound surface.
-
-    Unlike "two triangles an edge", this also holds where two closed bodies touch along an edge.
-    """
-    start, end = mesh.edges.astype(np.int64).T
-    key = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)
-    _, edge = np.unique(key, return_inverse=True)
-    return int(np.count_nonzero(np.bincount(edge, weights=np.where(start < end, 1.0, -1.0))))
 
 
 def write_3mf(mesh: "trimesh.Trimesh", path: Path, *, name: str) -> None:

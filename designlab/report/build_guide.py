@@ -7,28 +7,36 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
 from designlab.core.images import png_bytes, tone_map
 from designlab.fabrication import BOARD_COLOUR, PART_COLOURS, Built, package_colour
 from designlab.fabrication.assembly import Step
+from designlab.fabrication.boards import Board
 from designlab.fabrication.tables import CASTING_SURPLUS
 from designlab.report.page import Html, Section, listed, page, paragraph, picture, table
 from designlab.report.view3d.apart import Apart, Drawn, pictures_apart
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
 from designlab.sensor.gel_materials import MATERIALS
+from designlab.sensor.refraction import apparent_distance_mm
 from designlab.simulation.simulator import Simulator
-from geometries.leds import bodies
 
 PICTURES = "guide"
 MARKDOWN, WEBPAGE = "guide.md", "guide.html"
 FIRST_PICTURE = "first-picture.png"
-COLUMNS, SAMPLES, SEED = 320, 256, 0
-"""Effort of the expected first picture: a few seconds."""
+COLUMNS, SAMPLES, SEED = 320, 96, 0
+"""Effort of the expected first picture."""
+SMOOTHED_PX = 1.5
+"""Of that picture: what differs within so few pixels is noise of the simulation."""
 OVERVIEW = "all.png"
 GLUED = ("board", "core_ring", "core")
 """Steps that need sealant."""
 FROM_BELOW = ("board", "core_ring", "core")
 """Steps whose parts go in from the gel's side."""
+WHOLE = ("gelcore", "elastomer", "camera", "core_ring")
+"""Parts that are not cut open once they are in place; in the viewer's half, others would hang in the air."""
 AWAY = 0.75  # of a part's way out at which it is drawn
 SPREAD_MM = 5.0  # between parts in the picture of all of them
 SUPPLY_V = 5.0  # where no board says more
@@ -75,7 +83,8 @@ def write(built: Built, folder: Path) -> list[str]:
     pictures.mkdir()
     reason = _draw(built, pictures)
     frame = Simulator(built.design, columns=COLUMNS, samples=SAMPLES, seed=SEED).frame(None)
-    (pictures / FIRST_PICTURE).write_bytes(png_bytes(tone_map(frame.mixed)))
+    smooth = gaussian_filter(frame.mixed, (SMOOTHED_PX, SMOOTHED_PX, 0), mode="nearest")
+    (pictures / FIRST_PICTURE).write_bytes(png_bytes(tone_map(smooth)))
     found = chapters(built, drawn=not reason)
     title = f"How to build {built.design.name}"
     (folder / MARKDOWN).write_text(_markdown(title, found), encoding="utf-8")
@@ -88,7 +97,7 @@ def chapters(built: Built, *, drawn: bool = True) -> list[Chapter]:
     design, words = built.design, _WORDS["chapters"]
     shopping = [
         {"part": row["part"], "item": row["item"], "count": row["count"], "what": row["material"]}
-        | {"note": row["note"]}
+        | {"mass_g": "" if row["mass_g"] is None else row["mass_g"], "note": row["note"]}
         for row in built.manifest["bom"]
     ]
     overview = ((f"{PICTURES}/{OVERVIEW}", words["overview"]),) if drawn else ()
@@ -97,8 +106,10 @@ def chapters(built: Built, *, drawn: bool = True) -> list[Chapter]:
     return [
         Chapter("What it is", about, pictures=overview),
         Chapter("What to buy and make", tuple(words["buy"]), rows=tuple(shopping)),
+        Chapter("Tools", tuple(words["tools"])),
         Chapter("Print settings", _print_settings(design)),
         Chapter("Gel", _gel(built)),
+        Chapter("Coating", _coating(design)),
         Chapter("Steps", steps=tuple(steps(built, drawn=drawn))),
         Chapter("Camera settings", _camera(design)),
         Chapter("First measurement", tuple(words["measure"]), pictures=first),
@@ -124,8 +135,8 @@ def steps(built: Built, *, drawn: bool = True) -> list[GuideStep]:
     leds = [item for item in number if item.startswith("led_")]
     probes = [item for item in number if item.startswith("probe")]
     found = [
-        step("print", "housing", "lid", "core_ring", "mould_cavity", "mould_lid"),
-        step("gelcore", "gelcore"),
+        step("print", "housing", "lid", "core_ring", "mould_cavity", "mould_lid", "paint"),
+        step("gelcore", "gelcore", *(("paint",) if design.gelcore.side_finish == "painted" else ())),
         step("gel", "elastomer", "mould_cavity", "mould_lid"),
         step("membrane", "membrane"),
     ]
@@ -134,14 +145,63 @@ def steps(built: Built, *, drawn: bool = True) -> list[GuideStep]:
         found.append(step("boards", *names, *leds, "wire"))
     elif leds:
         found.append(step("leds", *leds, "wire"))
+    boards = {} if built.boards is None else {board.name: board for board in built.boards.boards}
     for place, put in enumerate(built.order):
-        key = "board_leaning" if put.key == "board" and len(put.way) > 1 else put.key
+        key, where = put.key, {"part": put.parts[0]}
+        if put.key == "board":
+            where |= _pocket(design, boards[put.parts[0]])
+            ring = boards[put.parts[0]].blank.kind == "ring"
+            key = "board_ring" if ring else "board_leaning" if len(put.way) > 1 else "board"
+        tried = ("gelcore", *boards) if put.key == "body" else ()
         glue = ("adhesive",) if put.key in GLUED else ()
         file = f"{PICTURES}/{_file(place, put)}" if drawn and put.way else ""
-        found.append(step(key, *put.parts, *glue, picture=file, part=put.parts[0]))
-    lines = [_WORDS["steps"]["connect"]["drive"].format(**drive) for drive in drives]
+        found.append(step(key, *put.parts, *tried, *glue, picture=file, **where))
+    lines = _wiring(built)
     found += [step("seal", "adhesive", "tape"), step("connect", "wire", "camera", before=lines)]
     return [*found, step("probes", *probes)] if probes else found
+
+
+def _pocket(design: Design, board: Board) -> dict[str, str]:
+    """Where a board goes, as the hour of a clock seen from the lid with the ribbon's slot at 6.
+
+    Of a board about the axis, where LEDs of its first group stand.
+    """
+    blank = board.blank
+    frame, first = blank.frames[0], blank.places[0]
+    out = -frame.normal
+    if blank.kind == "ring":
+        row = [frame.point(place.x, place.y) for place in blank.places if place.groups == first.groups]
+        own = np.mean(row, axis=0)
+        # Rows on several sides have their middle on the axis; the first LED stands for them then.
+        out = own if float(np.hypot(*own[:2])) > 1.0 else row[0]
+    hour = (3.0 - math.degrees(math.atan2(out[1], out[0])) / 30.0) % 12.0
+    hour = 12.0 if hour < 0.25 else round(2 * hour) / 2
+    return {"clock": f"{hour:g}", "colour": design.leds.groups[first.groups[0]].name}
+
+
+def _wiring(built: Built) -> list[str]:
+    """Connectors of the boards, and the current of each group."""
+    if built.boards is None:
+        return []
+    words, boards = _WORDS["steps"]["connect"], built.boards.boards
+    lines = [words["pins"].format(board=board.name, pins=", ".join(board.pins)) for board in boards]
+    for index, drive in enumerate(built.manifest["drive"]):
+        row = drive["in_series"]
+        count = sum(index in place.groups for board in boards for place in board.blank.places)
+        chips = "each" if row == 1 else f"{row} in series"
+        total = count // row * drive["current_ma"]
+        lines.append(words["drive"].format(**drive, chips=chips, total=total))
+    return lines
+
+
+def _coating(design: Design) -> tuple[str, ...]:
+    """What the coating reflects in the design, and how it is made."""
+    words, optics = _WORDS["coating"], design.optics
+    share = 100 * optics.coating_specular
+    gloss = words["glossy"].format(share=share) if share else words["matt"]
+    albedo = ", ".join(f"{value:.2g}" for value in design.per_group("membrane_albedo"))
+    groups = ", ".join(group.name for group in design.leds.groups)
+    return (words["reflectance"].format(albedo=albedo, groups=groups, gloss=gloss), *words["options"])
 
 
 def _print_settings(design: Design) -> tuple[str, ...]:
@@ -175,11 +235,17 @@ def _gel(built: Built) -> tuple[str, ...]:
 
 def _camera(design: Design) -> tuple[str, ...]:
     camera, words = design.camera, _WORDS["camera"]
-    timed = camera.exposure_time_ms
+    timed, seats = camera.exposure_time_ms, design.housing.seats
+    shutter = "10000" if timed is None else f"{1000 * timed:.0f}"
+    pi = seats is not None and seats.camera.startswith("raspberry-pi")
+    command = (words["raspberry"].format(shutter=shutter),) if pi else ()
     return (
         words["mode"].format(width=camera.width_px, height=camera.height_px, bits=camera.bit_depth),
-        words["focus"].format(distance=camera.position_mm[2]),
+        words["focus"].format(
+            distance=apparent_distance_mm(design.layers_to_camera(0.0)), place=camera.position_mm[2]
+        ),
         words["choose"] if timed is None else words["exposure"].format(time=timed, gain=camera.gain),
+        *command,
     )
 
 
@@ -196,11 +262,9 @@ def _draw(built: Built, folder: Path) -> str:
         "gelcore": (0.55, 0.80, 0.95, 0.55),
         "lid": (0.72, 0.74, 0.80, 1.0),
     }
-    design = built.design
-    lights = _light_colours(design)
-    array = shapes["led_array"].Solids()
-    for number, colour in enumerate(lights):
-        shapes[f"led-{number}"], colours[f"led-{number}"] = array[number], (*colour, 1.0)
+    for number, led in enumerate(built.leds):
+        colour = package_colour([built.design.leds.groups[index] for index in led.groups])
+        shapes[f"led-{number}"], colours[f"led-{number}"] = led.solid, (*colour, 1.0)
     there: list[str] = []
     wanted: list[Apart] = []
     for place, step in enumerate(built.order):
@@ -211,17 +275,12 @@ def _draw(built: Built, folder: Path) -> str:
         if step.way:
             x, y, z = (AWAY * sum(stretch[axis] for stretch in step.way) for axis in range(3))
             away = (x, y, z)
-            drawn = [Drawn(name, opened=name in ("housing", "lid")) for name in there]
+            drawn = [Drawn(name, opened=name not in WHOLE) for name in there]
             drawn += [Drawn(name, away, arrow=name == step.parts[0]) for name in moving]
             wanted.append(Apart(_file(place, step), tuple(drawn), step.key in FROM_BELOW))
         there += moving
     wanted.append(Apart(OVERVIEW, tuple(_spread(built)), False))
     return pictures_apart(shapes, colours, wanted, folder)
-
-
-def _light_colours(design: Design) -> list[tuple[float, float, float]]:
-    groups = design.leds.groups
-    return [package_colour([groups[index] for index in body.groups]) for body in bodies(design.leds)]
 
 
 def _spread(built: Built) -> Iterable[Drawn]:

@@ -13,7 +13,7 @@ from designlab.sensor.led_mounting import face_corners, sides
 from designlab.sensor.parts import Parts
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
 from designlab.sensor.seating import camera_board, inside
-from geometries import elastomer, gelcore
+from geometries import elastomer, gelcore, step_part
 from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
@@ -32,7 +32,8 @@ LEAST_HEAD_MM = 5.0  # a threaded insert of 4 mm, and a closed floor under it
 LIT_MM = 0.3  # kept free beside LEDs
 
 RULES: dict[str, str] = {
-    "leds_inside_housing": "every LED body lies inside the housing's inner radius",
+    "leds_inside_housing": "every LED body lies inside the housing's inner radius, and outside the walls of "
+    "a housing.step",
     "leds_below_plate": "every LED body lies below the camera plate",
     "leds_above_membrane": "every LED body lies above the membrane plane",
     "leds_clear_of_core": "no LED body reaches into gelcore or elastomer; the emitting face of a bonded one "
@@ -57,7 +58,8 @@ RULES: dict[str, str] = {
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
     "view_through_window": "the camera sees the sensing area through the gelcore's clear window and between "
     "its sides",
-    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
+    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate, and past a "
+    "housing.step",
     "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
     "mirror_above_core": "camera and mirror stand above the gelcore",
     "seats_hold_core": f"housing.seats: collar, or ledges of the tabs, meet {LEAST_RIM_MM} mm or more of the "
@@ -90,6 +92,8 @@ def margins(design: Parts) -> dict[str, float]:
     values: dict[str, float] = {}
     for part in (_seat_margins, _led_margins, _body_margins, _camera_margins):
         values |= part(design)
+    for rule, margin in _step_margins(design).items():
+        values[rule] = max(values[rule], margin)
     # A rule that does not apply has the margin -inf; one that cannot be told is not met.
     told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
     return {rule: margin for rule, margin in told.items() if margin > -math.inf}
@@ -131,7 +135,7 @@ def _led_margins(design: Parts) -> dict[str, float]:
         "leds_clear_of_each_other": max(
             (_overlap(a, b) for a, b in combinations(boxes, 2)), default=-math.inf
         ),
-        "leds_outside_view": _intrusion_into_view(design, boxes),
+        "leds_outside_view": intrusion_into_view_mm(design, [box.corners for box in boxes]),
     }
 
 
@@ -275,13 +279,21 @@ def _core_body(design: Parts) -> _Convex:
     return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
 
 
-def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:
-    """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
+def intrusion_into_view_mm(design: Parts, bodies: Sequence[Array]) -> float:
+    """How far bodies reach into the sensing area as the camera sees both; mm at the membrane.
+
+    Parameters
+    ----------
+    design : Parts
+        The sensor.
+    bodies : sequence of array, shape (corners, 3)
+        Corners of convex bodies in the sensor frame (mm).
+    """
     area, distance_mm = _sensing_area_seen(design)
     position = np.asarray(design.camera.eye_mm)
     worst = -math.inf
-    for box in boxes:
-        below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
+    for corners in bodies:
+        below = corners[corners[:, 2] < position[2] - 1e-6]
         if len(below):
             seen = tangents(design, below) * distance_mm
             between = (seen[:, None] - seen[None]).reshape(-1, 2)
@@ -448,6 +460,33 @@ def _seat_margins(design: Parts) -> dict[str, float]:
     found["camera_board_above_plate"] = LEAST_HEAD_MM + housing.top_mm - seat_mm
     found["camera_board_above_core"] = LIT_MM + _highest_mm(design) - (seat_mm - board.lens_height_mm)
     return found
+
+
+def _step_margins(design: Parts) -> dict[str, float]:
+    """What a housing of one's own adds to the margins of rules."""
+    if design.housing.step is None:
+        return {}
+    own = step_part.mesh(design.housing.step)
+    corners = np.asarray(own.triangles)
+    area, distance_mm = _sensing_area_seen(design)
+    below = corners[(corners[:, :, 2] < design.camera.eye_mm[2] - 1e-6).all(axis=1)]
+    seen = tangents(design, below.reshape(-1, 3)).reshape(-1, 3, 2) * distance_mm
+    outward, _ = _sides(area)
+    # Triangles beyond one side of the sensing area are clear of it.
+    beyond = (seen @ outward.T).min(axis=1) - (area @ outward.T).max(axis=0)
+    clear = float(beyond.max(axis=1).min()) if len(below) else math.inf
+    near = below[beyond.max(axis=1) <= 0] if len(below) else below
+    into = intrusion_into_view_mm(design, list(near)) if len(near) else -clear
+    share = np.linspace(-1.0, 1.0, 3)
+    grid = np.stack(np.meshgrid(share, share, share), axis=-1).reshape(-1, 3)
+    points = np.concatenate(
+        [
+            np.asarray(body.centre_mm)
+            + (grid * body.half_mm) @ np.array([body.across, body.down, body.normal])
+            for body in bodies(design.leds)
+        ]
+    )
+    return {"view_through_plate": into, "leds_inside_housing": step_part.depth_mm(own, points)}
 
 
 def _too_far_down(gel: Elastomer, outline: Array) -> float:

@@ -161,7 +161,9 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
     if design.camera.pixel_aspect == 1.0:
         del content["camera"]["pixel_aspect"]
-    if design.housing.seats is not None:  # they stand in the light; a plain tube does not
+    bright = any(design.per_group("housing_reflectance"))
+    # Seats and a part of one's own stand in the light; a black tube does not.
+    if bright or design.housing.seats is not None or design.housing.step is not None:
         content["housing"] = design.housing.model_dump(mode="json", exclude_none=True)
     if press is None:
         del content["contact"]

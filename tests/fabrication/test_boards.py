@@ -22,7 +22,14 @@ from designlab.app.cli import main
 from designlab.fabrication import _boards, export
 from designlab.fabrication import boards as led_boards
 from designlab.fabrication.boards import BoardError, Boards, boards, circuit, gerber, orders, routing
-from designlab.fabrication.boards.stock import CLEARANCE_MM, EDGE_MM, LAND_PATTERNS
+from designlab.fabrication.boards.stock import (
+    CLEARANCE_MM,
+    EDGE_MM,
+    LAND_PATTERNS,
+    TRACK_MM,
+    VIA_DRILL_MM,
+)
+from designlab.fabrication.parts import built_leds
 from designlab.sensor.design import Design, load, preset
 from designlab.sensor.led_catalogue import PARTS, flux_mw
 from geometries.leds import bodies
@@ -109,6 +116,12 @@ def _shape(command: Any) -> Any:
     return affinity.translate(flat, x, y)
 
 
+def widths_of(text: str) -> list[float]:
+    """Widths of all lines of one Gerber layer (mm)."""
+    found = Parser2().parse(Tokenizer().tokenize(text))
+    return [float(c.aperture.diameter.value) for c in found if type(c).__name__ == "Line2"]
+
+
 def drills_of(text: str) -> list[tuple[float, float, float]]:
     """Holes of an Excellon file: x, y, diameter (mm)."""
     assert "METRIC" in text.split("%")[0]
@@ -191,11 +204,25 @@ def test_outline_holes_and_masks_as_read(name: str) -> None:
     for board, files in zip(drawn(name).boards, read(name), strict=True):
         outline = files.outline
         assert outline.area == pytest.approx(board.outline.area, rel=1e-4)
+        assert outline.symmetric_difference(board.outline).area < 2e-3 * board.outline.area
+        assert outline.bounds == pytest.approx(board.outline.bounds, abs=1e-3)
         body = orders.solid(board)
         assert body.isValid()
         holes = sum(math.pi * d**2 / 4 for _, _, d in files.bare)
         assert body.Volume() == pytest.approx((outline.area - holes) * board.thickness_mm, rel=2e-3)
-        assert len(files.bare) == len(board.holes)
+        drills = [(v.x, v.y, VIA_DRILL_MM) for v in board.vias]
+        drills += list({(p.x, p.y, p.drill_mm) for p in board.pads if p.drill_mm})
+        for read_again, as_drawn in ((files.bare, board.holes), (files.plated, drills)):
+            assert len(read_again) == len(as_drawn)
+            for hole in as_drawn:
+                assert min(math.dist(hole, each) for each in read_again) < 1e-3
+        # Limits that the specification states are kept.
+        text = orders.specification(board, drawn(name).channels)
+        assert f"least track    {TRACK_MM:g} mm, least clearance {CLEARANCE_MM:g} mm" in text
+        assert f"vias {VIA_DRILL_MM:g} mm" in text
+        assert min((d for *_, d in files.plated), default=1.0) >= VIA_DRILL_MM
+        for part in ("F_Cu.gtl", "B_Cu.gbl"):
+            assert min(widths_of(files.text[part]), default=1.0) >= TRACK_MM
         for x, y, diameter in [*files.bare, *files.plated]:
             assert outline.buffer(-EDGE_MM + 1e-3).contains(Point(x, y).buffer(diameter / 2))
         for layer, mask in enumerate(("F_Mask.gts", "B_Mask.gbs")):
@@ -205,6 +232,7 @@ def test_outline_holes_and_masks_as_read(name: str) -> None:
             openings = shapes_of(files.text[mask])
             assert len(openings) == sum(layer in pad.layers for pad in board.pads)
             pads = [pad.shape for pad in board.pads if layer in pad.layers]
+            assert all(copper.buffer(READ_MM).contains(pad) for pad in pads)
             assert all(any(o.contains(pad) for o in openings) for pad in pads)
         for text in files.text.values():
             assert text.startswith(("G04", ";"))
@@ -302,6 +330,70 @@ def test_current_follows_from_the_flux(part: str, share: float, supply_v: float)
         assert channel.resistor.load_mw < channel.resistor.rating_mw
         mantissa = channel.resistor.ohm / 10 ** math.floor(math.log10(channel.resistor.ohm) + 1e-9)
         assert any(mantissa * 10 == pytest.approx(step) for step in circuit.E24)
+
+
+@pytest.mark.parametrize(
+    ("supply_v", "lengths"),
+    [(5.0, [1, 1, 1]), (9.0, [3, 1, 1]), (12.0, [3, 3, 3]), (24.0, [3, 3, 3])],
+)
+def test_chips_are_in_series_as_far_as_the_supply_permits(supply_v: float, lengths: list[int]) -> None:
+    """Three LEDs a board; their resistor keeps 30 % of the voltage of its string or more."""
+    found = boards(preset("default"), supply_v=supply_v)
+    assert [channel.in_series for channel in found.channels] == lengths
+    for board, channel in zip(found.boards, found.channels, strict=True):
+        resistors = [c for c in board.components if c.kind == "resistor"]
+        assert len(resistors) == 3 // channel.in_series
+        string_v = channel.in_series * channel.chip.forward_v
+        assert channel.in_series == 1 or supply_v - string_v >= 0.3 * string_v - 1e-9
+        across = supply_v - string_v
+        assert channel.current_ma == pytest.approx(1e3 * across / channel.resistor.ohm)
+        assert channel.current_ma == pytest.approx(channel.chip.current_ma, rel=0.055)
+        assert channel.told()["in_series"] == channel.in_series
+        leds = [c for c in board.components if c.kind == "led"]
+        nets = [{pad.name: pad.net for pad in led.pads} for led in leds]
+        for number, (own, before) in enumerate(zip(nets, [{}, *nets], strict=False)):
+            first = number % channel.in_series == 0
+            assert own[channel.anode] == ("V+" if first else before[channel.cathode])
+        text = orders.specification(board, found.channels)
+        assert ("in series" in text) == (channel.in_series > 1)
+
+
+@pytest.mark.slow
+def test_strings_are_connected_as_read(tmp_path: Path) -> None:
+    for board in boards(preset("default"), supply_v=12.0).boards:
+        files = Read(board, tmp_path)
+        assert len(files.pieces()) == len({pad.net for pad in board.pads})
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.2])
+def test_a_board_in_the_cameras_view_is_refused(share: float) -> None:
+    design, board = preset("default"), drawn("default").boards[0]
+    led_boards._require_out_of_view(design, board)
+    frame = board.blank.frames[0]
+    at = frame.origin * (share, share, 1.0) + (0.0, 0.0, 6.0)
+    moved = board._replace(blank=board.blank._replace(frames=(frame._replace(origin=at),)))
+    with pytest.raises(BoardError, match=r"board_red: reaches .* mm into the camera's view"):
+        led_boards._require_out_of_view(design, moved)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_leds_as_built_stand_on_their_boards_with_their_front_where_light_starts(name: str) -> None:
+    design, made = preset(name), drawn(name).boards
+    found = built_leds(design, made)
+    assert len({led.name for led in found}) == len(found)
+    fronts: dict[str, list[np.ndarray]] = {}
+    for led in found:
+        number = led.name.split("_")[1]
+        middle = np.array(led.solid.Center().toTuple())
+        normal = np.array(bodies(design.leds)[int(number) - 1].normal)
+        board = next(b for b in made if b.name == led.board)
+        fronts.setdefault(number, []).append(middle + board.blank.led_mm / 2 * normal)
+    for number, places in fronts.items():
+        body = bodies(design.leds)[int(number) - 1]
+        drop = np.mean(design.leds.emitting_spans_mm) if design.leds.package == "panel" else 0.0
+        front = np.asarray(body.centre_mm) + body.half_mm[2] * np.asarray(body.normal)
+        assert np.linalg.norm(np.mean(places, axis=0) - front - drop * np.asarray(body.down)) < 0.05
 
 
 def test_relative_flux_has_no_current_of_its_own() -> None:

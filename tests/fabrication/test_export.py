@@ -24,11 +24,11 @@ from designlab.fabrication.boards import boards
 from designlab.fabrication.boards.orders import solid as board_solid
 from designlab.fabrication.checks import FileCheck, check_overlaps, mesh_checks, overlap_mm3, require
 from designlab.fabrication.tables import CLEAR_STOCK, led_rows
-from designlab.fabrication.triangles import open_edges, printable, read, write_3mf
+from designlab.fabrication.triangles import printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, load, preset
 from designlab.sensor.optical_constants import MATERIALS
 from geometries.elastomer import base_mm
-from geometries.mesh import from_solid
+from geometries.mesh import from_solid, open_edges
 from geometries.probes import parse
 
 PRESETS = ("default", "gelsight-2020-flat", "gelsight-2020-dome")
@@ -111,8 +111,10 @@ def test_volumes_are_those_of_closed_forms(exports: dict[str, Path]) -> None:
     assert volumes["gelcore"] == pytest.approx(hexagon * design.gelcore.height_mm, rel=1e-9)
     assert volumes["elastomer"] == pytest.approx(hexagon * design.elastomer.thickness_mm, rel=1e-9)
     leds, housing = design.leds, design.housing
-    board = leds.body_width_mm * leds.body_height_mm * leds.body_thickness_mm
-    assert volumes["led_array"] == pytest.approx(9 * board, rel=1e-9)
+    # On their boards LEDs are those that are bought: Kingbright APTF1616, 1.6 x 1.6 x 0.7 mm.
+    assert volumes["led_array"] == pytest.approx(9 * 1.6 * 1.6 * 0.7, rel=1e-9)
+    drawn = leds.body_width_mm * leds.body_height_mm * leds.body_thickness_mm
+    assert parts(design)["led_array"].Volume() == pytest.approx(9 * drawn, rel=1e-9)
     inner, outer = housing.inner_radius_mm, housing.inner_radius_mm + housing.wall_mm
     tube = np.pi * (outer**2 - inner**2) * (housing.top_mm - housing.bottom_mm)
     plate = np.pi * (outer**2 - (housing.camera_hole_mm / 2) ** 2) * housing.plate_mm
@@ -188,13 +190,15 @@ def test_assembly_names_and_colours_every_part(exports: dict[str, Path]) -> None
     path = exports["default"] / "assembly.step"
     text = path.read_text()
     design = tube("default")
+    carried = boards(design).boards
     for name in ("gelcore", "elastomer", "housing", "led_001_red", "led_004_green", "led_009_blue"):
         assert f"'{name}'" in text
     assert "COLOUR_RGB" in text
     loaded = cadquery.importers.importStep(str(path))
     total = sum(solid.Volume() for shape in loaded.vals() for solid in shape.Solids())
-    made = sum(parts(design)[name].Volume() for name in SENSOR)
-    made += sum(board_solid(board).Volume() for board in boards(design).boards)
+    built = parts(design, boards=carried)
+    made = sum(built[name].Volume() for name in SENSOR)
+    made += sum(board_solid(board).Volume() for board in carried)
     assert total == pytest.approx(made, rel=1e-6)
 
 
@@ -324,7 +328,7 @@ def test_overlap_fails_where_light_crosses_the_core() -> None:
 
 @pytest.mark.slow
 def test_infeasible_design_is_refused_unless_allowed(tmp_path: Path, cheap: None) -> None:
-    design = preset("default").replace({"leds.radius_mm": 15.5})
+    design = tube("default").replace({"leds.radius_mm": 15.5})
     with pytest.raises(InfeasibleDesign, match="leds_inside_housing"):
         export(design, tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -399,7 +403,7 @@ def test_failed_check_leaves_the_earlier_export(
     tmp_path: Path, cheap: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    export(preset("default"), out)
+    export(tube("default"), out, boards=False)
     before = (out / "manifest.json").read_bytes()
 
     whole = trimesh.Trimesh.export
@@ -411,7 +415,7 @@ def test_failed_check_leaves_the_earlier_export(
 
     monkeypatch.setattr(trimesh.Trimesh, "export", holed)
     with pytest.raises(RuntimeError, match=r"gelcore gelcore\.stl: open edges is 3 1, bound 0"):
-        export(preset("default"), out)
+        export(tube("default"), out, boards=False)
     assert (out / "manifest.json").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -440,7 +444,7 @@ def test_without_pymeshlab_the_fine_mesh_is_written(monkeypatch: pytest.MonkeyPa
 def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
     source = tmp_path / "my probe.stl"
     from_solid(cadquery.Workplane("XY").box(3, 2, 1)).export(source)
-    manifest = export(preset("default"), tmp_path / "out", probes=[parse(f"{source}:6")])
+    manifest = export(tube("default"), tmp_path / "out", boards=False, probes=[parse(f"{source}:6")])
     triangles = stl_triangles(tmp_path / "out" / "stl" / "probe_my_probe_6mm.stl")
     assert signed_volume(triangles) == pytest.approx(8 * 6, rel=1e-5)
     assert manifest["parts"]["probe_my_probe_6mm"]["size_mm"] == pytest.approx([6, 4, 2])
@@ -448,7 +452,9 @@ def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
 
 @pytest.mark.slow
 def test_a_rounded_probe_is_written_beside_the_sharp_one(tmp_path: Path, cheap: None) -> None:
-    manifest = export(preset("default"), tmp_path / "out", probes=["triangle:5", "triangle:5:r0.3"])
+    manifest = export(
+        tube("default"), tmp_path / "out", boards=False, probes=["triangle:5", "triangle:5:r0.3"]
+    )
     sharp, rounded = (
         stl_triangles(tmp_path / "out" / "stl" / f"probe_triangle_5mm{edge}.stl")
         for edge in ("", "_edge_0.3mm")

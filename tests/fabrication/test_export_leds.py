@@ -80,7 +80,7 @@ def test_channels_of_a_package_have_its_number_in_the_table():
     assert len(places) == 9
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_sensor_with_shared_packages_exports_and_passes_every_check(tmp_path):
     manifest = export(SHARED, tmp_path / "out")
     assert all(check["ok"] for check in manifest["checks"])
@@ -88,7 +88,7 @@ def test_a_sensor_with_shared_packages_exports_and_passes_every_check(tmp_path):
     assert "led_001_red_green_blue" in (tmp_path / "out" / "assembly.step").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_groups_that_stand_elsewhere_are_made_there(tmp_path):
     higher = CORE.replace({"leds.groups.1.height_mm": 7.0, "leds.groups.1.radius_mm": 14.0})
     manifest = export(higher, tmp_path / "out", boards=False)  # its housing leaves no room for one

@@ -116,6 +116,28 @@ def test_default_copies_of_every_preset_can_be_built(name):
     assert means == pytest.approx(design.elastomer.thickness_mm, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("seats", "gap_mm"),
+    [
+        ({"fit": "fdm"}, 0.2),
+        ({"fit": "sla"}, 0.1),
+        ({"clearance_mm": 0.3}, 0.3),
+        ({"clearance_mm": 0.05}, 0.05),
+    ],
+)
+def test_the_fit_of_the_seats_says_how_far_parts_stand_off(seats, gap_mm):
+    design = preset("default").replace({"housing.seats": seats})
+    sd = {spread.field: spread.sd for spread in default_spreads(design)}
+    play_mm = gap_mm / math.sqrt(3)  # even over the gap
+    assert sd["effects.led_position.*"] == pytest.approx(math.hypot(0.1 / math.sqrt(3), play_mm))
+    assert sd["effects.led_tilt.*"] == pytest.approx(math.degrees(math.atan(play_mm / 11.0)))
+    for axis in "xyz":
+        assert sd[f"effects.camera_pose.{axis}_mm"] == pytest.approx(play_mm)
+    assert sd["effects.camera_pose.tilt_x_deg"] == pytest.approx(math.degrees(math.atan(play_mm / 23.862)))
+    tube = default_spreads(design.replace({"housing.seats": None}))
+    assert {spread.field: spread.sd for spread in tube}["effects.camera_pose.*"] == 0.1
+
+
 def test_a_copy_that_lost_some_of_its_view_is_built_and_a_drawing_is_refused(tmp_path, monkeypatch):
     def stop(*_):
         raise RenderFailed("as far as the simulator")

@@ -17,7 +17,7 @@ from designlab.sensor.design import preset
 from designlab.simulation import imaging
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.imaging import Capture, Image, ImagingStep, Mixing
-from designlab.simulation.render_cache import Renders
+from designlab.simulation.render_cache import Renders, _transport
 from designlab.simulation.simulator import Simulator
 
 DESIGN = preset("gelsight-2020-flat")
@@ -39,6 +39,15 @@ def test_steps_stand_in_the_order_of_the_light() -> None:
         "quantisation",
         "linearisation",
     ]
+
+
+@pytest.mark.parametrize(("reflectance", "counts"), [(0.0, False), (0.05, True), (0.5, True)])
+def test_kept_pictures_go_by_the_tube_where_it_is_bright(reflectance: float, counts: bool) -> None:
+    """Light that meets a black tube is lost, as is light that meets nothing."""
+    design = DESIGN.replace({"optics.housing_reflectance": (reflectance,)})
+    wider = design.replace({"housing.inner_radius_mm": design.housing.inner_radius_mm + 1.0})
+    kept = [_transport(SensorModel.of(each), None) for each in (design, wider)]
+    assert (kept[0] != kept[1]) == counts
 
 
 @pytest.mark.parametrize("curve", ["linear", "gamma"])

@@ -1,14 +1,16 @@
 """LED boards of a design: which it needs, what drives their LEDs, and the files to order them."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from designlab.fabrication.boards import circuit, layout, planes
 from designlab.fabrication.boards.circuit import SUPPLY_V, BoardError, Channel, NoPartError
-from designlab.fabrication.boards.drawn import Board, extent
+from designlab.fabrication.boards.drawn import Board, bodies, extent
 from designlab.fabrication.boards.layout import SEAT_MM, Room
 from designlab.fabrication.boards.stock import LAND_PATTERNS
 from designlab.sensor.design import Design
+from designlab.sensor.feasibility import intrusion_into_view_mm
 from designlab.sensor.seating import inside
 
 __all__ = ["SUPPLY_V", "Board", "BoardError", "Boards", "NoPartError", "boards"]
@@ -79,13 +81,44 @@ def _drawn(design: Design, supply_v: float, stand_in: str | None, turn_deg: floa
         housing.top_mm,
         _bore_mm(design),
     )
-    found = [
-        layout.draw(blank, chosen, room) for blank in planes.blanks(design, chosen, spots, turn_deg=turn_deg)
-    ]
+    blanks = planes.blanks(design, chosen, spots, turn_deg=turn_deg)
+    rows = _in_series(blanks, chosen)
+    if max(rows) > 1:
+        chosen = circuit.channels(
+            design, supply_v=supply_v, stand_in=stand_in, per_package=len(spots), in_series=rows
+        )
+    found = [layout.draw(blank, chosen, room) for blank in blanks]
+    for board in found:
+        _require_out_of_view(design, board)
     notes = list(dict.fromkeys(channel.note for channel in chosen if channel.note))
     notes += [f"{board.name}: {note}" for board in found for note in board.notes]
     notes += _unlike(design, chosen)
     return Boards(tuple(chosen), tuple(found), tuple(notes), tuple(circuit.assumed(chosen)))
+
+
+def _in_series(blanks: Sequence[planes.Blank], chosen: Sequence[Channel]) -> list[int]:
+    """How many chips of each group share a resistor: as many as the supply drives, in strings alike.
+
+    Chips of a package that holds several have one each, since such packages may join their anodes.
+    """
+    found = []
+    for index, channel in enumerate(chosen):
+        places = [[place for place in blank.places if index in place.groups] for blank in blanks]
+        alone = all(place.groups == (index,) for held in places for place in held)
+        even = math.gcd(*(len(held) for held in places))
+        longest = circuit.longest_string(channel) if alone else 1
+        found.append(max(n for n in range(1, even + 1) if even % n == 0 and n <= longest))
+    return found
+
+
+def _require_out_of_view(design: Design, board: Board) -> None:
+    """Refuse a board whose tail or parts stand between camera and sensing area."""
+    reach = intrusion_into_view_mm(design, bodies(board))
+    if reach > 0:
+        raise BoardError(
+            f"{board.name}: reaches {reach:.3g} mm into the camera's view of the sensing area, 0 mm may be; "
+            "raise leds.radius_mm, or lower sensing_area_mm"
+        )
 
 
 def _bore_mm(design: Design) -> float:

@@ -16,6 +16,9 @@ SUPPLY_V = 5.0
 """Supply of the boards when none is given."""
 HEADROOM_V = 0.3
 """Left for the resistor and the switch of a group, so that the current does not hang on the LED's voltage."""
+BALLAST = 0.3
+"""Least voltage across the resistor of a string of LEDs over that of its LEDs: with less, the current would
+follow the LEDs' own voltage, which differs from one to the next."""
 LOADED = 0.8
 """Share of its rating that a resistor carries at most."""
 NEAR_NM = 25.0
@@ -60,7 +63,7 @@ class Resistor(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """How the LEDs of one group are driven: each chip has a resistor of its own.
+    """How the LEDs of one group are driven: `in_series` chips in a row share a resistor.
 
     `current_ma` is what the resistor lets through; `flux_mw` the chip's flux then, and `wanted_mw` that of
     the design. `from_flux` says whether the current follows from the design's flux; if not, it
@@ -79,6 +82,7 @@ class Channel(NamedTuple):
     wanted_mw: float | None
     from_flux: bool
     note: str
+    in_series: int = 1
 
     @property
     def number(self) -> str:
@@ -105,6 +109,7 @@ class Channel(NamedTuple):
             "number": self.number,
             "forward_v": self.chip.forward_v,
             "supply_v": self.supply_v,
+            "in_series": self.in_series,
             "current_ma": round(self.current_ma, 4),
             "current_max_ma": self.chip.current_max_ma,
             "resistor_ohm": self.resistor.ohm,
@@ -120,7 +125,12 @@ class Channel(NamedTuple):
 
 
 def channels(
-    design: Design, *, supply_v: float = SUPPLY_V, per_package: int = 1, stand_in: str | None = None
+    design: Design,
+    *,
+    supply_v: float = SUPPLY_V,
+    per_package: int = 1,
+    stand_in: str | None = None,
+    in_series: Sequence[int] = (),
 ) -> list[Channel]:
     """Drive of every LED group, in their order.
 
@@ -134,6 +144,8 @@ def channels(
         LEDs on each package of the design; a panel carries several.
     stand_in : str, optional
         Part of groups for which the design names none; the first of `stand_ins` when absent.
+    in_series : sequence of int
+        Chips that share a resistor, for each group; one when absent.
 
     Raises
     ------
@@ -144,7 +156,13 @@ def channels(
     if not (math.isfinite(supply_v) and 0 < supply_v <= 60):
         raise BoardError(f"supply_v: lies above 0 V and up to 60 V, got {supply_v:g} V")
     groups = range(len(design.leds.groups))
-    return [_channel(design, index, supply_v, per_package, stand_in) for index in groups]
+    rows = in_series or [1] * len(groups)
+    return [_channel(design, index, supply_v, per_package, stand_in, rows[index]) for index in groups]
+
+
+def longest_string(channel: Channel) -> int:
+    """How many chips of a group the supply drives in series, `BALLAST` left to their resistor."""
+    return max(1, int(channel.supply_v / (float(channel.chip.forward_v or 0.0) * (1 + BALLAST)) + 1e-9))
 
 
 def front_limit_mm(array: LedArray) -> tuple[float, float]:
@@ -154,7 +172,9 @@ def front_limit_mm(array: LedArray) -> tuple[float, float]:
     return array.emitting_width_mm, min(high - low for low, high in array.emitting_spans_mm)
 
 
-def _channel(design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None) -> Channel:
+def _channel(
+    design: Design, index: int, supply_v: float, per_package: int, stand_in: str | None, in_series: int
+) -> Channel:
     array, group = design.leds, design.leds.groups[index]
     named = group.part or array.part
     name = named or stand_in or stand_ins(array)[0]
@@ -190,7 +210,7 @@ def _channel(design: Design, index: int, supply_v: float, per_package: int, stan
     else:
         from_flux = True
     current = float(chip.current_ma or 0.0) * (each / at_sheet if from_flux and at_sheet else 1.0)
-    found, drawn = _resistor(where, chip, supply_v, current)
+    found, drawn = _resistor(where, chip, supply_v, current, in_series)
     built = None if at_sheet is None else at_sheet * drawn / float(chip.current_ma or 1.0)
     return Channel(
         group,
@@ -205,6 +225,7 @@ def _channel(design: Design, index: int, supply_v: float, per_package: int, stan
         each if from_flux else None,
         from_flux,
         note,
+        in_series,
     )
 
 
@@ -260,10 +281,12 @@ def _colour(part: LedPart, group: LedGroup, where: str) -> str:
     return colour
 
 
-def _resistor(where: str, chip: Chip, supply_v: float, wanted_ma: float) -> tuple[Resistor, float]:
+def _resistor(
+    where: str, chip: Chip, supply_v: float, wanted_ma: float, in_series: int
+) -> tuple[Resistor, float]:
     """Nearest value of E24 that keeps the part's limit, in the smallest size that bears it; the current."""
     forward_v, limit_ma = float(chip.forward_v or 0.0), float(chip.current_max_ma or 0.0)
-    across_v = supply_v - forward_v
+    across_v = supply_v - in_series * forward_v
     if across_v < HEADROOM_V:
         raise BoardError(
             f"{where}: forward voltage {forward_v:g} V needs a supply of {forward_v + HEADROOM_V:g} V or "

@@ -5,12 +5,15 @@ a strip the middle of its LEDs, that of a flexible board the left end of its lin
 """
 
 import math
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import shapely
 from shapely import affinity
 from shapely.geometry import Polygon, box
 
+from designlab.core.types import Array
 from designlab.fabrication.boards.planes import Blank
 from designlab.fabrication.boards.routing import Track, Via
 from designlab.fabrication.boards.stock import LandPattern
@@ -19,6 +22,9 @@ Side = Literal["top", "bottom"]
 Line = tuple[tuple[float, float], tuple[float, float]]
 MARK_MM = 0.15
 """Of the polarity mark: its width, and half its distance from body and pads."""
+SECTORS = 72  # convex pieces that a ring is taken apart into
+PROUD_MM = 1.0
+"""Over the front of a board that its resistors and solder reach at most."""
 SIDES: tuple[Side, Side] = ("top", "bottom")
 
 
@@ -134,6 +140,28 @@ class Board(NamedTuple):
         for via in self.vias:
             shapes.setdefault(via.net, []).append(via.shape)
         return {net: shapely.union_all(parts) for net, parts in shapes.items()}
+
+
+def bodies(board: Board) -> list[Array]:
+    """Corners of convex pieces that make up a board and what stands on it, each (8, 3), sensor frame (mm)."""
+    blank, (low_x, low_y, high_x, high_y) = board.blank, board.outline.bounds
+    pieces: list[list[tuple[float, float]]] = []
+    if blank.kind == "ring":
+        bore = max((ring.bounds[2] for ring in board.outline.interiors), default=0.0)
+        turns = np.linspace(0.0, 2 * np.pi, SECTORS + 1)
+        for a, b in pairwise(turns):
+            rays = [(math.cos(t), math.sin(t)) for t in (a, b)]
+            pieces.append([(r * c, r * s) for r in (bore, high_x) for c, s in rays])
+    else:
+        for low, high in blank.facets or ((low_x, high_x),):
+            pieces.append([(x, y) for x in (low, high) for y in (low_y, high_y)])
+    depths = (-board.thickness_mm, PROUD_MM)
+    found = []
+    for piece in pieces:
+        frame, middle = blank.frame_at(sum(x for x, _ in piece) / len(piece))
+        shift = middle - sum(x for x, _ in piece) / len(piece)
+        found.append(np.array([frame.point(x + shift, y, z) for x, y in piece for z in depths]))
+    return found
 
 
 def extent(land: LandPattern, x: float, y: float, turn: float) -> Polygon:

@@ -1,6 +1,7 @@
 """Where the parts of a board go, and how it is outlined; its tracks are those of `routing`."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -68,7 +69,7 @@ def draw(blank: Blank, chosen: Sequence[Channel], room: Room) -> Board:
     BoardError
         If LEDs overlap, or it does not fit; names board, figure and rule.
     """
-    leds = [_led(f"D{n + 1}", place, chosen) for n, place in enumerate(blank.places)]
+    leds = _strung(blank, chosen)
     _require_apart(blank, leds)
     groups = sorted({group for place in blank.places for group in place.groups})
     nets = [SUPPLY_NET, *(_return(chosen[group]) for group in groups)]
@@ -81,8 +82,26 @@ def _return(channel: Channel) -> str:
     return f"{channel.group.name}-"
 
 
-def _led(designator: str, place: Place, chosen: Sequence[Channel]) -> Component:
-    """Place an LED; where its upside does not matter, its cathodes look to the resistors above."""
+def _strung(blank: Blank, chosen: Sequence[Channel]) -> list[Component]:
+    """LEDs of a board; in a string, each feeds the next."""
+    leds: list[Component] = []
+    strung: Counter[int] = Counter()
+    feeds: dict[int, str] = {}
+    for number, place in enumerate(blank.places, start=1):
+        leds.append(_led(f"D{number}", place, chosen, [feeds.get(g, SUPPLY_NET) for g in place.groups]))
+        for group in place.groups:
+            strung[group] += 1
+            channel = chosen[group]
+            last = strung[group] % channel.in_series == 0
+            feeds[group] = SUPPLY_NET if last else f"D{number}.{channel.cathode}"
+    return leds
+
+
+def _led(designator: str, place: Place, chosen: Sequence[Channel], feeds: Sequence[str]) -> Component:
+    """Place an LED, its anodes on the nets `feeds`.
+
+    Where its upside does not matter, its cathodes look to the resistors above.
+    """
     held = [chosen[group] for group in place.groups]
     first = held[0]
     land = LAND_PATTERNS[str(first.part.land)]
@@ -93,10 +112,10 @@ def _led(designator: str, place: Place, chosen: Sequence[Channel]) -> Component:
     if rise < -1e-9 and all(channel.group.offset_mm is None for channel in held):
         place = place._replace(turn_deg=place.turn_deg + 180.0)
     nets: dict[str, str] = {}
-    for channel in held:
-        if nets.setdefault(channel.cathode, f"{designator}.{channel.cathode}") == SUPPLY_NET:
+    for channel, feed in zip(held, feeds, strict=True):
+        if nets.setdefault(channel.cathode, f"{designator}.{channel.cathode}") == feed:
             raise BoardError(f"part {channel.name!r}: pad {channel.cathode} is anode and cathode at once")
-        if nets.setdefault(channel.anode, SUPPLY_NET) != SUPPLY_NET:
+        if nets.setdefault(channel.anode, feed) != feed:
             raise BoardError(f"part {channel.name!r}: pad {channel.anode} is anode and cathode at once")
     if len({channel.cathode for channel in held}) < len(held):
         raise BoardError(f"part {first.name!r}: chips share a cathode; boards switch cathodes apart")
@@ -287,8 +306,11 @@ def _filled(
     if blank.kind == "strip":  # beside the holes; a ring has room for it anywhere
         connector = _connector(blank, outline, floor, nets, behind, header=drilled)
     resistors: list[Component] = []
+    held = Counter(pad.net for led in leds for pad in led.pads)
     for led in leds:
         for group in led.groups:
+            if held[f"{led.designator}.{chosen[group].cathode}"] > 1:
+                continue  # it feeds the next of its string
             designator = f"R{len(resistors) + 1}"
             resistors.append(_resistor(designator, led, chosen[group], outline, floor, behind))
     if not connector:

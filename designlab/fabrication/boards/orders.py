@@ -112,10 +112,11 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         chip = channel.chip
         lines.append(
             f"{channel.group.name}: {count} x {channel.number}, {chip.forward_v:g} V at "
-            f"{chip.current_ma:g} mA; each {channel.current_ma:.4g} mA through {channel.resistor.value} "
+            f"{chip.current_ma:g} mA; {_strings(channel.in_series)} {channel.current_ma:.4g} mA through "
+            f"{channel.resistor.value} "
             f"({channel.resistor.number}, "
             f"{channel.resistor.load_mw:.3g} of {channel.resistor.rating_mw:g} mW); the group "
-            f"{count * channel.current_ma:.4g} mA, on for {100 * drive:g} % of the time"
+            f"{count // channel.in_series * channel.current_ma:.4g} mA, on for {100 * drive:g} % of the time"
         )
         if channel.from_flux and channel.flux_mw is not None and channel.wanted_mw is not None:
             lines.append(
@@ -128,6 +129,10 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         folds = ", ".join(f"{high:.2f}" for _, high in board.blank.facets[:-1])
         lines += ["", f"bend at x = {folds} mm, around the gelcore, the LEDs inside"]
     return "\n".join([*lines, *board.notes]) + "\n"
+
+
+def _strings(in_series: int) -> str:
+    return "each" if in_series == 1 else f"each string of {in_series} in series"
 
 
 def solid(board: Board) -> "cadquery.Shape":
@@ -155,6 +160,25 @@ def solid(board: Board) -> "cadquery.Shape":
             cadquery.Workplane(plane).center(x, y).circle(diameter / 2).extrude(-board.thickness_mm)
         )
     return _shape(body)
+
+
+def led_solids(board: Board) -> "list[cadquery.Shape]":
+    """LEDs of a board in the order of its places, as boxes in the sensor frame (mm)."""
+    import cadquery
+
+    found = []
+    for led in (component for component in board.components if component.kind == "led"):
+        frame, along = board.blank.frame_at(led.x)
+        turn = math.radians(led.turn_deg)
+        across = math.cos(turn) * frame.x + math.sin(turn) * frame.y
+        plane = cadquery.Plane(
+            origin=tuple(frame.point(along, led.y).tolist()),
+            xDir=tuple(across.tolist()),
+            normal=tuple(frame.normal.tolist()),
+        )
+        work = cadquery.Workplane(plane).rect(*led.land.body_mm).extrude(board.blank.led_mm)
+        found.append(_shape(work))
+    return found
 
 
 def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":

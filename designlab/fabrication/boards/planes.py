@@ -35,12 +35,16 @@ class Frame(NamedTuple):
 
 
 class Place(NamedTuple):
-    """An LED on its board: middle (mm), turn (deg, counter-clockwise from the front), its groups."""
+    """An LED on its board: middle (mm), turn (deg, counter-clockwise from the front), its groups.
+
+    `body` is the number of the design's package that it stands for or is part of.
+    """
 
     x: float
     y: float
     turn_deg: float
     groups: tuple[int, ...]
+    body: int
 
 
 class Blank(NamedTuple):
@@ -135,7 +139,7 @@ def blanks(
         name = "board_ring" if level else "_".join(["board", *held])
         names[name] = names.get(name, 0) + 1
         name = name if names[name] == 1 else f"{name}_{names[name]}"
-        blank = _flat(name, chosen_bodies, heights[members[0]], spots, level=level)
+        blank = _flat(name, members, chosen_bodies, heights[members[0]], spots, level=level)
         made.append(_turned(blank, turn_deg))
     return made
 
@@ -161,7 +165,13 @@ def _seat(body: Body, height_mm: float) -> Array:
 
 
 def _flat(
-    name: str, members: Sequence[Body], height: float, spots: Sequence[tuple[float, float]], *, level: bool
+    name: str,
+    numbers: Sequence[int],
+    members: Sequence[Body],
+    height: float,
+    spots: Sequence[tuple[float, float]],
+    *,
+    level: bool,
 ) -> Blank:
     seats = np.array([_seat(body, height) for body in members])
     normal = np.asarray(members[0].normal)
@@ -172,12 +182,12 @@ def _flat(
         first = members[0]
         frame = Frame(seats.mean(axis=0), -np.asarray(first.across), -np.asarray(first.down), normal)
     places = []
-    for body, seat in zip(members, seats, strict=True):
+    for number, body, seat in zip(numbers, members, seats, strict=True):
         across, below = np.asarray(body.across), np.asarray(body.down)
         turn = math.degrees(math.atan2(-across @ frame.y, -across @ frame.x))
         for along, down in spots:
             at = seat + along * across + down * below - frame.origin
-            places.append(Place(float(at @ frame.x), float(at @ frame.y), turn, body.groups))
+            places.append(Place(float(at @ frame.x), float(at @ frame.y), turn, body.groups, number))
     return Blank(name, "ring" if level else "strip", tuple(places), (frame,), (), height)
 
 
@@ -218,7 +228,8 @@ def _flex(array: LedArray, members: Sequence[Body], heights: Sequence[float]) ->
         x, y = np.array([math.sin(angle), -math.cos(angle), 0.0]), np.array([0.0, 0.0, 1.0])
         frames.append(Frame(radius * out + (after - before) / 2 * x + level * y, x, y, -out))
         if on_it is not None:
-            places.append(Place(low + before, float(seats[on_it][2] - level), 0.0, members[on_it].groups))
+            at = low + before, float(seats[on_it][2] - level)
+            places.append(Place(*at, 0.0, members[on_it].groups, on_it))
         facets.append((low, low + before + after))
         low += before + after
     return Blank("board_flex", "flex", tuple(places), tuple(frames), tuple(facets), heights[0])

@@ -13,9 +13,12 @@ from designlab.core.store import digest
 from designlab.core.types import Array
 from designlab.sensor.design import Design, DesignError
 from designlab.sensor.field_errors import explain
+from designlab.sensor.seating import camera_board
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from geometries.housing import Seats
 from geometries.spec import Spec
 
+PLACED_MM = 0.1  # to which packages are placed on their board
 CUT_SD = 3.0  # copies further off are sorted out before they are used
 EFFECTS = "effects"
 ANY = "*"
@@ -71,10 +74,14 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
     add("effects.led_spread.*", 0.035, "as the flux of groups: LEDs side by side are of one bin")
     wavelength = "5 nm to either side of the typical wavelength (data sheet LLH-RGBW-5050), even over it"
     add("leds.groups.*.wavelength_nm", 2.9, wavelength)
-    place = "package and board 0.1 mm (data sheet LLH-RGBW-5050), printed slot (estimate)"
-    add("effects.led_position.*", 0.1, place)
-    add("effects.led_tilt.*", 1.0, "board in a printed slot (estimate)")
-    add("effects.camera_pose.*", 0.1, "module in a printed seat, mm and deg (estimate)")
+    if design.housing.seats is None:
+        place = "package and board 0.1 mm (data sheet LLH-RGBW-5050), printed slot (estimate)"
+        add("effects.led_position.*", 0.1, place)
+        add("effects.led_tilt.*", 1.0, "board in a printed slot (estimate)")
+        add("effects.camera_pose.*", 0.1, "module in a printed seat, mm and deg (estimate)")
+    else:
+        for field, sd, source in _plays(design, design.housing.seats):
+            add(field, sd, source)
     add("optics.membrane_albedo", 0.05, "sprayed coating (estimate)", relative=True)
     dome = design.elastomer.shape == "dome"
     # The membrane is the origin: a thicker gel moves all above it away.
@@ -95,6 +102,21 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
         if "ground" in (design.gelcore.side_finish, design.gelcore.led_side_finish):
             add("gelcore.ground_roughness", 0.2, "sanded by hand (estimate)", relative=True)
     return tuple(spread for spread in found if _has(design, spread))
+
+
+def _plays(design: Design, seats: Seats) -> Iterator[tuple[str, float, str]]:
+    """Field, sd and source of how far parts move and turn in their seats: evenly over the gap of the fit."""
+    play_mm, leds, across = seats.gap_mm / math.sqrt(3.0), design.leds, camera_board(seats.camera).board_mm
+    fit = f"housing.seats: even over its gap of {seats.gap_mm:g} mm on each side"
+    on_board = f"package on its board 0.1 mm (data sheet LLH-RGBW-5050); {fit}"
+    yield "effects.led_position.*", math.hypot(PLACED_MM / math.sqrt(3.0), play_mm), on_board
+    row_mm = leds.body_width_mm + leds.pitch_mm * (min(group.count for group in leds.groups) - 1)
+    yield "effects.led_tilt.*", math.degrees(math.atan2(play_mm, row_mm)), f"{fit}, over the row of LEDs"
+    for axis in "xyz":
+        yield f"effects.camera_pose.{axis}_mm", play_mm, fit
+    lean_deg = math.degrees(math.atan2(play_mm, min(across[1] - across[0], across[3] - across[2])))
+    for axis in "xy":
+        yield f"effects.camera_pose.tilt_{axis}_deg", lean_deg, f"{fit}, over the camera board"
 
 
 def _has(design: Design, spread: Spread) -> bool:

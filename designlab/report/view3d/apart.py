@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 MESHES = "meshes.npz"
 WIDTH_PX, HEIGHT_PX = 1200, 960
-LEAST_WIDTH = 0.45  # of the height of a tall picture
 AZIMUTH_DEG, ABOVE_DEG, BELOW_DEG = -62.0, 22.0, -24.0
 _TOLERANCE_MM, _ANGLE_DEG = 0.03, 8.0
+NEAR_MM = 200.0  # towards the viewer; the projection is parallel, so the arrow stays beside its part
 _ARROW = "#d1541e"
 
 Vector = tuple[float, float, float]
@@ -112,12 +112,16 @@ def _draw(
     plotter.enable_depth_peeling(8)
     azimuth = np.radians(AZIMUTH_DEG)
     towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    elevation = np.radians(BELOW_DEG if picture["below"] else ABOVE_DEG)
+    view = np.cos(elevation) * towards + np.array([0.0, 0.0, np.sin(elevation)])
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for name, away, opened, arrow in picture["parts"]:
         points, faces = stored[f"{name}.vertices"] + away, stored[f"{name}.faces"]
         mesh = pyvista.PolyData(points, np.column_stack([np.full(len(faces), 3), faces]).ravel())
         if opened:  # the half towards the viewer is taken away
             mesh = mesh.clip_closed_surface(normal=-towards, origin=points.mean(axis=0) * (0.0, 0.0, 1.0))
+            if not mesh.n_points:
+                continue
         low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
         *colour, opacity = colours[name]
         plotter.add_mesh(
@@ -128,9 +132,7 @@ def _draw(
         if edges.n_cells:
             plotter.add_mesh(edges, color="#20242b", line_width=1.5, opacity=max(opacity, 0.6))
         if arrow:
-            _arrow(plotter, np.asarray(stored[f"{name}.vertices"]), np.asarray(away))
-    elevation = np.radians(BELOW_DEG if picture["below"] else ABOVE_DEG)
-    view = np.cos(elevation) * towards + np.array([0.0, 0.0, np.sin(elevation)])
+            _arrow(plotter, np.asarray(stored[f"{name}.vertices"]), np.asarray(away), view)
     focus, reach = (low + high) / 2, float(np.linalg.norm(high - low))
     plotter.camera.focal_point = focus
     plotter.camera.position = focus + 5 * reach * view
@@ -149,15 +151,15 @@ def _draw(
     plotter.close()
 
 
-def _arrow(plotter: Any, at_place: Any, away: Any) -> None:
-    """Arrow beside a part, from where it is drawn towards its place."""
+def _arrow(plotter: Any, at_place: Any, away: Any, view: Any) -> None:
+    """Arrow beside a part, from where it is drawn towards its place, before all that is drawn."""
     import pyvista
 
     length = float(np.linalg.norm(away))
     side = np.array([np.cos(np.radians(AZIMUTH_DEG + 90)), np.sin(np.radians(AZIMUTH_DEG + 90)), 0.0])
     aside = float((at_place @ side).max()) + 4.0
     middle = at_place.mean(axis=0)
-    start = middle + away + (aside - float(middle @ side)) * side
+    start = middle + away + (aside - float(middle @ side)) * side + NEAR_MM * view
     plotter.add_mesh(
         pyvista.Arrow(
             start=start,

@@ -13,7 +13,7 @@ from designlab.sensor.optical_constants import AIR
 from designlab.sensor.seating import inside
 from designlab.simulation.scene.materials import Dielectric, Diffuse, Medium, Shape
 from designlab.simulation.scene.meshes import band_faces, oriented, sheet
-from geometries import elastomer, gelcore
+from geometries import elastomer, gelcore, step_part
 from geometries.outline import reach_mm
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
@@ -213,12 +213,19 @@ def _media(design: Design) -> tuple[Medium, Medium, Medium]:
 
 
 def housing_inside(design: Design) -> Iterator[Shape]:
-    """Inside of the housing: tube, camera plate with its hole, and floor around the gel.
+    """Inside of the housing: tube, camera plate with its hole, and floor around the gel; or one's own part.
 
     Black walls need no shape: light that meets nothing is lost as well. The floor stands at the tube's lower
     rim, or just below the LEDs where those reach lower.
     """
     reflectance = design.per_group("housing_reflectance")
+    if design.housing.step is not None:  # even a black one may stand in the light
+        own = step_part.mesh(design.housing.step)
+        name = "housing-step" if any(reflectance) else "part-step"
+        yield Shape(
+            name, np.asarray(own.vertices), np.asarray(own.faces, dtype=np.uint32), Diffuse(reflectance)
+        )
+        return
     if not any(reflectance):
         return
     housing, walls = design.housing, Diffuse(reflectance)
