@@ -95,7 +95,11 @@
 
   window.studio = {
     // What the next picture must belong to; older ones are marked as such.
-    expect(digest, request) { expected = { digest, request }; draw(); },
+    expect(digest, request) {
+      expected = { digest, request };
+      element("stage").dataset.expected = digest;
+      draw();
+    },
     show(slot, picture) {
       if (slot === "now" && (picture.request < expected.request || picture.digest !== expected.digest)) return;
       const before = shown[slot];

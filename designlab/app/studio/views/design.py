@@ -9,7 +9,8 @@ from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import ModelJob, Picture, PictureJob, Relief, Reply, ScoreJob
 from designlab.app.studio.scoring import rows
 from designlab.app.studio.session import NotAllowed
-from designlab.app.studio.views.knobs import Knobs, fields_wrong
+from designlab.app.studio.structure import GROUPS
+from designlab.app.studio.views.knobs import Change, Knobs, fields_wrong
 from designlab.app.studio.views.press import PressKnobs
 from designlab.app.studio.views.scores import Scores
 from designlab.app.studio.views.sensor3d import Sensor3d
@@ -46,7 +47,7 @@ class DesignView:
                 ui.label("Design").classes("heading").props('role="heading" aria-level="2"')
                 self._knob_box = ui.element("div")
                 with self._knob_box:
-                    self._knobs = Knobs(page.session.design, self._turned)
+                    self._knobs = Knobs(page.session.design, self._turned, self._parts_changed)
             with ui.element("div").classes("middle"):
                 self._stage = Stage(self._moded)
             with ui.element("div").classes("right"):
@@ -70,7 +71,7 @@ class DesignView:
         """Show a session that was begun anew."""
         self._knob_box.clear()
         with self._knob_box:
-            self._knobs = Knobs(self._page.session.design, self._turned)
+            self._knobs = Knobs(self._page.session.design, self._turned, self._parts_changed)
         call(self._page.client, "forget", "pinned")
         self._begun = True
         self._changed()
@@ -110,6 +111,23 @@ class DesignView:
             self._page.session.rest()
         self._changed()
         return ""
+
+    def _parts_changed(self, what: Change, number: int) -> None:
+        """Add an LED group or a mirror, or take one away."""
+        session = self._page.session
+        count = len(session.design.leds.groups)
+        try:
+            if what == "add group":
+                session.add_group(number % count)
+                self._knobs.open(f"{GROUPS}.{count}")
+            elif what == "remove group":
+                session.remove_group(number)
+            else:
+                session.fold()
+        except DesignError as error:
+            self._page.warn(str(error).removeprefix("replace(): field "))
+            return
+        self._changed()
 
     def _press_set(self, name: str, value: Any) -> str:
         press = self._page.session.press
