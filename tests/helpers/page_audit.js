@@ -9,11 +9,16 @@
     const place = element.closest("[data-path]")?.dataset.path;
     return `${name}.${String(element.getAttribute("class") || "").split(" ")[0]} "${told.slice(0, 40)}"${place ? ` of ${place}` : ""}`;
   };
+  const read = (colour) => {
+    const numbers = colour.match(/[\d.]+(e-?\d+)?/g)?.map(Number) ?? [0, 0, 0, 0];
+    const scale = colour.startsWith("color(") ? 255 : 1;
+    return [numbers[0] * scale, numbers[1] * scale, numbers[2] * scale, numbers[3] ?? 1];
+  };
   const shown = (element) => element.checkVisibility({ opacityProperty: true, visibilityProperty: true });
   // The part of a box that its ancestors let be seen.
   const seen = (element, box) => {
     let [left, top, right, bottom] = [box.left, box.top, box.right, box.bottom];
-    for (let node = element.parentElement; node; node = node.parentElement) {
+    for (let node = element; node; node = node.parentElement) {
       const style = getComputedStyle(node);
       if (style.overflowX === "visible" && style.overflowY === "visible") continue;
       const around = node.getBoundingClientRect();
@@ -44,7 +49,15 @@
       range.selectNodeContents(node);
       boxes.push(...range.getClientRects());
     }
-    if (entry) boxes.push(element.getBoundingClientRect());
+    if (entry) {  // a label of its own may stand in the padding
+      const [box, style] = [element.getBoundingClientRect(), getComputedStyle(element)];
+      const pads = ["Left", "Top", "Right", "Bottom"].map((side) => parseFloat(style[`padding${side}`]));
+      const empty = !element.value && read(getComputedStyle(element, "::placeholder").color)[3] === 0;
+      const [top, bottom] = [box.top + pads[1], box.bottom - pads[3]];
+      // Of a line, its letters: the line itself is higher.
+      const spare = element.matches("input") ? Math.max(0, (bottom - top - parseFloat(style.fontSize)) / 2) : 0;
+      if (!empty) boxes.push({ left: box.left + pads[0], top: top + spare, right: box.right - pads[2], bottom: bottom - spare });
+    }
     const parts = boxes.map((box) => seen(element, box)).filter((box) => box && !covered(element, box));
     if (parts.length) texts.push({ element, parts, entry });
   }
@@ -77,11 +90,6 @@
   }
 
   // Contrast, after the formulas of WCAG 2.
-  const read = (colour) => {
-    const numbers = colour.match(/[\d.]+(e-?\d+)?/g)?.map(Number) ?? [0, 0, 0, 0];
-    const scale = colour.startsWith("color(") ? 255 : 1;
-    return [numbers[0] * scale, numbers[1] * scale, numbers[2] * scale, numbers[3] ?? 1];
-  };
   const over = (front, back) => [0, 1, 2].map((i) => front[3] * front[i] + (1 - front[3]) * back[i]).concat(1);
   const light = ([r, g, b]) => {
     const [x, y, z] = [r, g, b].map((v) => (v / 255 <= 0.03928 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4));
@@ -127,7 +135,7 @@
     if (!name && element.tabIndex >= 0) faults.push(`no name: ${words(element)}`);
     if (reached(element) || element.closest("[aria-hidden=true]")) continue;
     const group = element.closest("[role=tablist], [role=radiogroup]");  // arrows lead on within these
-    const twin = names.has(name) || (group && [...group.querySelectorAll("[tabindex='0']")].length);
+    const twin = names.has(name) || (group && (group.querySelector("[tabindex='0']") || group.contains(document.activeElement)));
     if (!twin && !element.parentElement?.closest("[tabindex='0'], button, a[href]")) faults.push(`not reached: ${words(element)}`);
   }
   for (const element of all) {  // what looks as if it could be clicked

@@ -159,10 +159,14 @@ def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief | Rest]:
         if level == start and not there:
             yield _picture(bench, job, effort.coarse, samples, _words(level, last, coarse=True))
             bench.baked(light, level)
+            if job.quick:
+                return
         if not there:
             yield Rest(FULL_REST_S if level == start else REST_S)
         yield _picture(bench, job, effort.full, samples, _words(level, last, coarse=False))
         bench.baked(light, level)
+        if job.quick:
+            return
         if level in (start, last):
             yield Rest(REST_S)
             if (found := _relief(bench, job, samples)) is not None:

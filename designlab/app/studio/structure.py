@@ -152,7 +152,7 @@ def _groups(base: Design, told: Any) -> list[tuple[str, int]]:
         found = []
     if not 0 < len(found) <= MOST_GROUPS or any(not 0 <= number < most for _, number in found):
         raise DesignError(
-            f"{GROUPS}: must be a name and a number from 0 to {most - 1} for each of 1 to {MOST_GROUPS} groups"
+            f"{GROUPS}: must be a name and a number below {most} for each of at most {MOST_GROUPS} groups"
         )
     return found
 

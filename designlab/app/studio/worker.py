@@ -159,7 +159,7 @@ class Handlers:
     def _model(self, job: ModelJob) -> Steps:
         from designlab.report.view3d.model import glb
 
-        yield glb(job.design)
+        yield glb(job.design, section=job.section)
 
     def _export(self, job: ExportJob) -> Steps:
         from designlab.fabrication import export

@@ -116,9 +116,7 @@ def left_behind(folder):
     return found
 
 
-@pytest.mark.parametrize(
-    ("events", "kills"), [(60, 2), pytest.param(1000, 20, marks=pytest.mark.full)]
-)
+@pytest.mark.parametrize(("events", "kills"), [(60, 2), pytest.param(1000, 20, marks=pytest.mark.full)])
 def test_random_events_and_a_worker_that_is_killed_leave_the_page_alive(tmp_path, events, kills, capsys):
     pytest.importorskip("nicegui", reason="NiceGUI is not installed")
     folder = tmp_path / "root"

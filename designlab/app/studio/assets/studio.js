@@ -19,12 +19,16 @@
       if (slot === "now") {
         const stale = picture.digest !== expected.digest;
         element("stage").classList.toggle("stale", stale);
-        element("caption").textContent = stale ? "previous design; the new picture is on its way" : picture.caption;
+        const coming = expected.failed ? "of this one there is no picture" : "the new picture is on its way";
+        element("caption").textContent = stale ? `previous design; ${coming}` : picture.caption;
         element("stage").style.setProperty("--shape", picture.shape);
       }
     }
     const both = Boolean(shown.pinned);
     element("stage")?.classList.toggle("both", both);
+    const relief = shown.relief;
+    const old = relief && (relief.digest !== expected.digest || relief.request < expected.request);
+    document.querySelector(".maps")?.classList.toggle("stale", Boolean(old));
     mark();
   };
 
@@ -93,6 +97,14 @@
     });
   };
 
+  // The part of a slider that the keyboard reaches has no name of its own.
+  const nameSliders = () => {
+    for (const slider of document.querySelectorAll(".q-slider[aria-label]")) {
+      slider.querySelector("[tabindex]")?.setAttribute("aria-label", slider.getAttribute("aria-label"));
+    }
+  };
+  new MutationObserver(nameSliders).observe(document, { subtree: true, childList: true });
+
   window.studio = {
     // What the next picture must belong to; older ones are marked as such.
     expect(digest, request) {
@@ -108,6 +120,10 @@
       draw();
       window.dispatchEvent(new CustomEvent("studio-picture", { detail: { slot, request: picture.request, step: picture.step } }));
     },
+    // Of what is expected there will be no picture.
+    fail(digest) { if (digest === expected.digest) { expected.failed = true; draw(); } },
+    // What the maps were read off.
+    relief(digest, request) { shown.relief = { digest, request }; draw(); },
     forget(slot) { delete shown[slot]; draw(); },
     mark,
     mode(name) { element("stage").dataset.mode = name; draw(); },
@@ -119,6 +135,7 @@
       image.alt = alt;
       image.hidden = false;
     },
+    words(id, text) { if (element(id)) element(id).textContent = text; },
     begin() { touchable(); draw(); },
   };
 })();

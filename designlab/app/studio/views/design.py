@@ -52,7 +52,7 @@ class DesignView:
                 self._stage = Stage(self._moded)
             with ui.element("div").classes("right"):
                 self._table = Scores()
-                self._sensor = Sensor3d(page.client)
+                self._sensor = Sensor3d(page.client, self._ask_model)
         ui.on("studio_touch", self._touched)
         ui.on("studio_push", self._pushed)
         ui.on("studio_nudge", self._nudged)
@@ -188,6 +188,8 @@ class DesignView:
         self._ask_picture()
         self._show_scores()
         self._mark()
+        if self._followed != session.design.digest:
+            self._sensor.outdated()
 
     @property
     def _shown_press(self) -> Press | None:
@@ -216,6 +218,7 @@ class DesignView:
         if reply.error:
             self._banner.set_text(reply.error)
             self._banner.set_visibility(True)
+            call(self._page.client, "fail", reply.digest)
         elif isinstance(reply.content, Picture):
             self._grid = reply.content
             self._stage.picture(
@@ -228,7 +231,7 @@ class DesignView:
             )
             self._mark()
         elif isinstance(reply.content, Relief):
-            self._stage.relief(self._page.client, reply.content)
+            self._stage.relief(self._page.client, reply.content, digest=reply.digest, request=reply.number)
 
     def _pinned_picture(self, reply: Reply) -> None:
         pin = self._page.session.pin
@@ -260,8 +263,12 @@ class DesignView:
         if self._followed == session.design.digest:
             return
         self._followed = session.design.digest
-        self._page.ask(MODEL, ModelJob(session.design), self._model, priority=MODEL_PRIORITY)
+        self._ask_model()
         self._ask_scores()
+
+    def _ask_model(self) -> None:
+        job = ModelJob(self._page.session.design, section=self._sensor.section)
+        self._page.ask(MODEL, job, self._model, priority=MODEL_PRIORITY)
 
     def _ask_scores(self) -> None:
         session = self._page.session
@@ -273,6 +280,8 @@ class DesignView:
             self._page.ask(SCORES, ScoreJob(session.design), self._scored, priority=SCORE_PRIORITY)
 
     def _model(self, reply: Reply) -> None:
+        if reply.error and reply.digest == self._page.session.design.digest:
+            self._sensor.say(f"No drawing: {reply.error}")
         if reply.digest == self._page.session.design.digest and isinstance(reply.content, bytes):
             self._sensor.show(reply.content, self._page.session.design.housing.top_mm)
 

@@ -1,6 +1,7 @@
 """The sensor in three dimensions: parts, LEDs and the camera's view, to be turned by hand."""
 
 import base64
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -13,9 +14,9 @@ HAS_WEBGL = "!!document.createElement('canvas').getContext('webgl2')"
 
 
 class Sensor3d:
-    """A view of the sensor that is turned with the mouse."""
+    """A view of the sensor that is turned with the mouse; `wanted` is called when another one is."""
 
-    def __init__(self, client: Any) -> None:
+    def __init__(self, client: Any, wanted: Callable[[], None]) -> None:
         self._client = client
         self._scene: Any = None
         self._drawn: Any = None
@@ -24,6 +25,21 @@ class Sensor3d:
             ui.label("Sensor").classes("heading").props('role="heading" aria-level="2"')
             self._box = ui.element("div").classes("model")
             self._words = ui.label("The drawing follows.").classes("note").props('id="model-state"')
+            self._section = ui.switch("cut open", on_change=wanted).props('dense id="model-section"')
+
+    @property
+    def section(self) -> bool:
+        """Whether the sensor is to be drawn cut open."""
+        return bool(self._section.value)
+
+    def say(self, text: str) -> None:
+        """Say why nothing is drawn."""
+        self._words.set_text(text)
+
+    def outdated(self) -> None:
+        """Say that what is drawn is not the present design."""
+        if self._drawn is not None:
+            self._words.set_text("previous design; the drawing follows")
 
     async def _begin(self) -> bool:
         if self._asked:
