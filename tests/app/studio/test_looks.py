@@ -9,6 +9,7 @@ import pytest
 
 from designlab.core.images import write_image
 from tests import ROOT
+from tests.helpers.browser import opened
 from tests.helpers.studies import make, run
 from tests.helpers.studio import FULL, PICTURE_MS, Studio, pages
 
@@ -118,3 +119,38 @@ def test_every_view_can_be_read_and_reached(tab, studio):
         tab.keyboard.press("Escape")
         tab.locator(".q-dialog .q-card").wait_for(state="detached")
     assert faults == [], "\n".join(faults)
+
+
+HEALTHY = """
+<p style="color: #333">Some words</p><button>press</button><label>depth <input value="0.5"></label>
+<div style="overflow: hidden; width: 20rem">all of it is seen</div>
+"""
+FAULTS = {
+    "overlap": "<p style='position: absolute; top: 200px'>one</p><p style='position: absolute; top: 204px'>two</p>",
+    "clipped": "<div style='overflow: hidden; width: 3rem; white-space: nowrap'>more than there is room for</div>",
+    "sideways": "<p style='width: 3000px'>wide</p>",
+    "contrast 2": "<p style='color: #aaa'>pale</p>",
+    "contrast 3": "<div style='background: #777'><p style='color: #fff; opacity: .9'>pale too</p></div>",
+    "no name": "<input value='0.5'>",
+    "not reached": "<div style='cursor: pointer' onclick='1'>press here</div>",
+    "not reached: button": "<button tabindex='-1'>press here</button>",
+}
+
+
+@pytest.fixture(scope="module")
+def bare():
+    with opened() as browser:
+        yield browser.new_page(viewport={"width": 1280, "height": 800})
+
+
+def test_the_audit_lets_a_healthy_page_pass(bare):
+    bare.set_content(HEALTHY)
+    assert bare.evaluate(AUDIT) == []
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_the_audit_finds_a_fault_that_was_planted(bare, kind):
+    bare.set_content(HEALTHY + FAULTS[kind])
+    found = bare.evaluate(AUDIT)
+    assert len(found) == 1
+    assert found[0].startswith(kind)
