@@ -126,8 +126,8 @@ HEALTHY = """
 <div style="overflow: hidden; width: 20rem">all of it is seen</div>
 """
 FAULTS = {
-    "overlap": "<p style='position: absolute; top: 200px'>one</p><p style='position: absolute; top: 204px'>two</p>",
-    "clipped": "<div style='overflow: hidden; width: 3rem; white-space: nowrap'>more than there is room for</div>",
+    "overlap": "<p style='position: fixed; top: 200px'>one</p><p style='position: fixed; top: 204px'>two</p>",
+    "clipped": "<div style='overflow: hidden; width: 3rem; white-space: nowrap'>more than has room</div>",
     "sideways": "<p style='width: 3000px'>wide</p>",
     "contrast 2": "<p style='color: #aaa'>pale</p>",
     "contrast 3": "<div style='background: #777'><p style='color: #fff; opacity: .9'>pale too</p></div>",

@@ -135,6 +135,25 @@
       image.alt = alt;
       image.hidden = false;
     },
+    // Draw a scene where it is seen and something in it has moved: without a graphics card each frame costs.
+    calm(id) {
+      const place = element(id);
+      const view = window.getElement(Number(id.slice(1)));
+      if (!view?.renderer) { if (place) setTimeout(() => studio.calm(id), 200); return; }
+      if (view.renderer.studioCalm) return;
+      view.renderer.studioCalm = true;
+      const render = view.renderer.render.bind(view.renderer);
+      let [before, still] = ["", 0];
+      view.renderer.render = (scene, camera) => {
+        if (!place.checkVisibility()) { before = ""; return; }
+        let parts = 0;
+        scene.traverse(() => { parts += 1; });
+        const now = [...camera.position, ...camera.quaternion.toArray(), parts].map((x) => x.toFixed(5)).join();
+        still = now === before ? still + 1 : 0;
+        before = now;
+        if (still < 20) render(scene, camera);  // a second more, in which materials come
+      };
+    },
     words(id, text) { if (element(id)) element(id).textContent = text; },
     begin() { touchable(); draw(); },
   };

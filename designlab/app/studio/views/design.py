@@ -267,6 +267,8 @@ class DesignView:
         self._ask_scores()
 
     def _ask_model(self) -> None:
+        if self._sensor.hidden:
+            return
         job = ModelJob(self._page.session.design, section=self._sensor.section)
         self._page.ask(MODEL, job, self._model, priority=MODEL_PRIORITY)
 

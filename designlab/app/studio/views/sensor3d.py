@@ -6,6 +6,8 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
+from designlab.app.studio.views.stage import call
+
 WIDTH_PX, HEIGHT_PX = 296, 260
 ANSWER_S = 30.0  # that a busy page may take
 FAR = 1.45  # of the camera, in heights of the sensor
@@ -25,7 +27,22 @@ class Sensor3d:
             ui.label("Sensor").classes("heading").props('role="heading" aria-level="2"')
             self._box = ui.element("div").classes("model")
             self._words = ui.label("The drawing follows.").classes("note").props('id="model-state"')
-            self._section = ui.switch("cut open", on_change=wanted).props('dense id="model-section"')
+            with ui.element("div").classes("model-bar"):
+                self._drawing = ui.switch("drawing", value=True, on_change=self._hide)
+                self._drawing.props('dense id="model-shown"')
+                self._section = ui.switch("cut open", on_change=wanted).props('dense id="model-section"')
+        self._wanted = wanted
+
+    def _hide(self, event: Any) -> None:
+        for part in (self._box, self._words, self._section):
+            part.set_visibility(event.value)
+        if event.value:
+            self._wanted()
+
+    @property
+    def hidden(self) -> bool:
+        """Whether no drawing is wanted."""
+        return not self._drawing.value
 
     @property
     def section(self) -> bool:
@@ -73,6 +90,7 @@ class Sensor3d:
                 far = height_mm * FAR
                 middle = {"look_at_x": 0, "look_at_y": 0, "look_at_z": height_mm / 2}
                 self._scene.move_camera(x=0.4 * far, y=-0.9 * far, z=1.1 * far, duration=0, **middle)
+            call(self._client, "calm", self._scene.html_id)
             with self._scene:
                 self._drawn = self._scene.gltf(source)
             if before is not None:
