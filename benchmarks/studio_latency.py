@@ -3,8 +3,8 @@
 python benchmarks/studio_latency.py [--design NAME] [--events N]
 
 Each event is made in the page, and its time is that until the picture that belongs to it has been decoded.
-Half of the events are made while the drawing in three dimensions is shown, half while it is hidden. Of a drag,
-an event whose picture a newer one has overtaken counts with the time until that newer one.
+Half of the events are made while the drawing in three dimensions is shown, half while it is hidden. In a
+drag, an event whose picture a newer one has overtaken counts with the time until that newer one.
 What the machine's own load adds is in wall-clock times, not in the processor time of the worker beside them.
 """
 

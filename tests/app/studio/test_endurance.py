@@ -101,7 +101,8 @@ def settled(tab):
     )
     tab.wait_for_timeout(1500)
     tab.wait_for_function(
-        "/^(fidelity|No scores)/.test(document.getElementById('score-state').textContent)", timeout=PICTURE_MS
+        "/^(fidelity|No scores)/.test(document.getElementById('score-state').textContent)",
+        timeout=2 * PICTURE_MS,
     )
     stated = address_of(urlsplit(tab.url).query)
     session = Session(stated.design, preset(stated.design))

@@ -37,6 +37,7 @@ class DesignView:
         self._turned_at = time.monotonic()
         self._followed = ""  # digest that scores and drawing were asked for
         self._scores: dict[str, Score] = {}
+        self._unscored = ""  # why the design that was followed has none
         self._grid: Picture | None = None
         self._begun = False
         self._banner = ui.label("").classes("banner").props('role="alert" id="banner"')
@@ -274,12 +275,21 @@ class DesignView:
 
     def _ask_scores(self) -> None:
         session = self._page.session
-        if session.design.broken():
-            self._table.say("No scores: the design breaks a rule.")
+        if session.design.digest in self._scores:
             return
-        if session.design.digest not in self._scores:
-            self._table.say("scoring; this takes some seconds")
+        if not session.design.broken():
+            self._unscored = ""
             self._page.ask(SCORES, ScoreJob(session.design), self._scored, priority=SCORE_PRIORITY)
+        self._table.say(self._why_unscored())
+
+    def _why_unscored(self) -> str:
+        """Why the present design has no scores yet."""
+        design = self._page.session.design
+        if design.broken():
+            return "No scores: the design breaks a rule."
+        if self._followed == design.digest:
+            return self._unscored or "scoring; this takes some seconds"
+        return "scores follow when the knobs rest"
 
     def _model(self, reply: Reply) -> None:
         if reply.error and reply.digest == self._page.session.design.digest:
@@ -289,7 +299,8 @@ class DesignView:
 
     def _scored(self, reply: Reply) -> None:
         if reply.error and reply.digest == self._page.session.design.digest:
-            self._table.say(f"No scores: {reply.error}")
+            self._unscored = f"No scores: {reply.error}"
+            self._table.say(self._unscored)
         if isinstance(reply.content, Score):
             self._keep(reply.digest, reply.content)
             self._show_scores()
@@ -309,8 +320,7 @@ class DesignView:
         session = self._page.session
         score = self._scores.get(session.design.digest)
         if score is None:
-            told = "scores follow when the knobs rest" if self._scores else "scores follow"
-            self._table.say(told)
+            self._table.say(self._why_unscored())
             return
         before = None
         if session.pin is not None:
