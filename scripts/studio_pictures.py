@@ -19,7 +19,7 @@ TARGET = ROOT / "docs" / "images"
 SENSOR = "default"
 SCREEN = {"width": 1280, "height": 760}
 QUALITY, MOST_BYTES = 85, 200_000
-CHANGED = ('[data-path="leds.tilt_deg"] input', "30")
+CHANGED = ('[data-path="leds.height_mm"] input', "4.5")
 SCORED = "document.getElementById('score-state').textContent"
 DRAWN = "document.getElementById('model-state').textContent.startsWith('drag')"
 
@@ -60,6 +60,7 @@ def main() -> None:
                 entry = tab.locator(CHANGED[0]).last
                 entry.fill(CHANGED[1])
                 entry.press("Enter")
+                tab.wait_for_function("document.querySelector('.stale')", timeout=PICTURE_MS)
                 tab.emulate_media(color_scheme="dark")
                 ready(tab, "since the pin")
                 take(tab, "studio-pinned")
