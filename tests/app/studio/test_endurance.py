@@ -24,7 +24,7 @@ pytestmark = [
 ]
 NAME = "gelsight-2020-flat"  # in air, which is quick
 GROWTH_MB = {"server": 40, "worker": 600}
-"""Most that a process may grow by from event 400 to 1,000. Of the server, a leak of each picture that is sent,
+"""Most that a process may grow by from event 400 to 1,000. In the server, a leak of each picture sent,
 some 100 kB, is 60 MB. The worker keeps ten simulators and four light fields, up to some 100 MB each, and the
 large ones of full light come slowly: it grew by 276 MB on a busy machine. This bounds it; it is no proof that
 nothing leaks."""
