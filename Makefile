@@ -42,6 +42,7 @@ site: $(INSTALLED)
 figures: $(INSTALLED)
 	$(BIN)/python scripts/architecture_picture.py
 	$(BIN)/python scripts/readme_picture.py
+	$(BIN)/python scripts/studio_pictures.py
 	$(BIN)/python scripts/gallery.py
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/preset_scores.py --write
 

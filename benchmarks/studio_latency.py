@@ -3,6 +3,8 @@
 python benchmarks/studio_latency.py [--design NAME] [--events N]
 
 Each event is made in the page, and its time is that until the picture that belongs to it has been decoded.
+Half of the events are made while the drawing in three dimensions is shown, half while it is hidden. In a
+drag, an event whose picture a newer one has overtaken counts with the time until that newer one.
 What the machine's own load adds is in wall-clock times, not in the processor time of the worker beside them.
 """
 
@@ -12,7 +14,6 @@ import io
 import json
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,56 @@ WATCH = """
   });
 }
 """
+
+
+ENTRY = '[data-path="%s"] input'
+SCORED = "document.getElementById('score-state').textContent.startsWith('fidelity')"
+TOUCH = "emitEvent('studio_touch', {place: [%.3f, %.3f], going_on: true})"
+DRAG_MS = 50
+DRAG = """
+async ([places, every]) => {
+  const asked = [], shown = [];
+  const expect = studio.expect;
+  studio.expect = (digest, request) => { asked.push(request); expect(digest, request); };
+  const see = (event) => {
+    if (event.detail.slot === "now") shown.push([performance.now(), event.detail.request]);
+  };
+  window.addEventListener("studio-picture", see);
+  const sent = [];
+  for (const place of places) {
+    sent.push(performance.now());
+    emitEvent("studio_touch", { place, going_on: true });
+    await new Promise((done) => setTimeout(done, every));
+  }
+  const end = performance.now() + 60000;
+  while (performance.now() < end &&
+    !(asked.length >= sent.length && shown.some((each) => each[1] === asked[sent.length - 1]))) {
+    await new Promise((done) => setTimeout(done, 20));
+  }
+  window.removeEventListener("studio-picture", see);
+  studio.expect = expect;
+  return { asked, shown, sent };
+}
+"""
+
+
+def written(path: str, value: float) -> str:
+    """Script that writes a value into a field as a hand does."""
+    return (
+        f"const e = [...document.querySelectorAll('{ENTRY % path}')].pop(); e.value = '{value:.3f}';"
+        "e.dispatchEvent(new Event('input', {bubbles: true}));"
+        "e.dispatchEvent(new Event('change', {bubbles: true}))"
+    )
+
+
+def dragged(tab, places) -> tuple[list[float], int]:
+    """Milliseconds from each move to a picture of it or of a later one, and how many were overtaken."""
+    found = tab.evaluate(DRAG, [places.tolist(), DRAG_MS])
+    shown, times, overtaken = found["shown"], [], 0
+    for sent, request in zip(found["sent"], found["asked"], strict=False):
+        times.append(next(at for at, number in shown if number >= request) - sent)
+        overtaken += all(number != request for _, number in shown)
+    return times, overtaken
 
 
 def processor_s(pid: int) -> float:
@@ -87,6 +138,7 @@ def main() -> int:
     results: dict[str, list[float]] = {}
     errors: list[float] = []
     random = np.random.default_rng(0)
+    half = max(1, args.events // 2)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "root"
         folder.mkdir()
@@ -94,48 +146,50 @@ def main() -> int:
         with pages(studio) as opened:
             tab = opened()
             (worker,) = studio.children()
+            tab.get_by_text(f"LED group {design.leds.groups[0].name}").click()
+            tab.wait_for_selector(f"{ENTRY % 'leds.groups.0.flux_mw'}")
             tab.wait_for_function(FULL, timeout=PICTURE_MS)
+            tab.wait_for_function(SCORED, timeout=PICTURE_MS)
             tab.evaluate(WATCH)
-            time.sleep(2)
 
             def add(kind: str, found: dict[str, float], *parts: str) -> None:
-                for part in parts:
+                for part in (*parts, "cpu_s"):
                     if part in found:
                         results.setdefault(f"{kind}, {part}", []).append(found[part])
-                results.setdefault(f"{kind}, cpu with what follows (s)", []).append(found["cpu_s"])
 
-            emit = "emitEvent('studio_touch', {place: [%.3f, %.3f], going_on: true})"
-            wide = "!each[1].startsWith('coarse')"
-            for _ in range(args.events):
-                x, y = random.uniform(0.3, 0.7, 2)
-                found, seen = timed(tab, worker, emit % (x, y), until=wide)
-                add("press", found, "first", "full")
-                errors.append(error(seen[0][2], next(s for s in seen if not s[1].startswith("coarse"))[2]))
-            tab.get_by_text(f"LED group {design.leds.groups[0].name}").click()
-            entry = '[data-path="leds.groups.0.flux_mw"] input'
-            tab.wait_for_selector(entry)
-            tab.wait_for_timeout(3000)
-            write = (
-                f"const e = [...document.querySelectorAll('{entry}')].pop(); e.value = '%.3f';"
-                "e.dispatchEvent(new Event('input', {bubbles: true}));"
-                "e.dispatchEvent(new Event('change', {bubbles: true}))"
-            )
-            flux = design.leds.groups[0].flux_mw
-            for factor in random.uniform(0.5, 1.5, args.events):
-                found, _ = timed(tab, worker, write % (flux * factor), until="true")
-                add("mixing", found, "first")
-            entry = entry.replace("leds.groups.0.flux_mw", "leds.height_mm")
-            for offset in random.uniform(-0.5, 0.5, max(3, args.events // 10)):
-                told = write.replace("leds.groups.0.flux_mw", "leds.height_mm")
-                found, _ = timed(tab, worker, told % (design.leds.height_mm + offset), until="true")
-                add("LED moved", found, "first")
+            flux, height_mm = design.leds.groups[0].flux_mw, design.leds.height_mm
+            for view in ("3D shown", "3D hidden"):
+                if view == "3D hidden":
+                    tab.locator("#model-shown").click()
+                wide = "!each[1].startsWith('coarse')"
+                for place in random.uniform(0.3, 0.7, (half, 2)):
+                    found, seen = timed(tab, worker, TOUCH % tuple(place), until=wide)
+                    add(f"press, {view}", found, "first", "full")
+                    full = next(s for s in seen if not s[1].startswith("coarse"))
+                    errors.append(error(seen[0][2], full[2]))
+                tab.wait_for_function(FULL, timeout=PICTURE_MS)
+                for factor in random.uniform(0.5, 1.5, half):
+                    event = written("leds.groups.0.flux_mw", flux * factor)
+                    found, _ = timed(tab, worker, event, until="true")
+                    add(f"mixing, {view}", found, "first")
+                for offset in random.uniform(-0.5, 0.5, half):
+                    event = written("leds.height_mm", height_mm + offset)
+                    found, _ = timed(tab, worker, event, until="true")
+                    add(f"LED moved, {view}", found, "first")
+                tab.wait_for_function(FULL, timeout=PICTURE_MS)
+                found, overtaken = dragged(tab, random.uniform(0.3, 0.7, (half, 2)))
+                results[f"drag at 20 Hz, {view}, first"] = found
+                results[f"drag at 20 Hz, {view}, overtaken"] = [overtaken]
         studio.stop()
     rows = {
         kind: {"median": float(np.median(v)), "p95": float(np.percentile(v, 95)), "events": len(v)}
         for kind, v in results.items()
     }
     for kind, row in rows.items():
-        unit = "s" if "cpu" in kind else "ms"
+        if kind.endswith("overtaken"):
+            print(f"{kind:36} {row['median']:.0f} of {half} frames")
+            continue
+        unit = "s" if kind.endswith("cpu_s") else "ms"
         print(
             f"{kind:36} median {row['median']:8.3g} {unit}  95 % {row['p95']:8.3g} {unit}  n={row['events']}"
         )

@@ -94,8 +94,10 @@ def pages(studio):
     faults = []
     with opened() as browser:
 
-        def page(query="", *, picture=True, **more):
-            found = browser.new_page(viewport=SCREEN, **more)
+        def page(query="", *, picture=True, watch="", **more):
+            found = browser.new_page(**{"viewport": SCREEN, **more})
+            if watch:
+                found.add_init_script(watch)
             found.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
             found.on("pageerror", lambda error: faults.append(str(error)))
             found.on("dialog", lambda dialog: faults.append(dialog.message))

@@ -13,10 +13,14 @@ from designlab.simulation.contact.press import Press
 
 @dataclass(frozen=True)
 class PictureJob:
-    """What the camera sees of a design under a press, and what is read off it; untouched where it is None."""
+    """What the camera sees of a design under a press, and what is read off it; untouched where it is None.
+
+    Of a quick one the first picture is enough.
+    """
 
     design: Design
     press: Press | None
+    quick: bool = False
 
 
 @dataclass(frozen=True)
@@ -28,9 +32,10 @@ class ScoreJob:
 
 @dataclass(frozen=True)
 class ModelJob:
-    """Three-dimensional model of the sensor."""
+    """Three-dimensional model of the sensor, or of its rear half."""
 
     design: Design
+    section: bool = False
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,13 @@ class Bench:
         self._simulators: OrderedDict[Hashable, Simulator] = OrderedDict()
         self._frames: OrderedDict[Hashable, Any] = OrderedDict()
         self._levels: OrderedDict[str, int] = OrderedDict()
+        self._light: tuple[Design, str] | None = None
+
+    def light(self, design: Design) -> str:
+        """What `light_key` gives; steps of a job ask for it again and again."""
+        if self._light is None or self._light[0] is not design:
+            self._light = design, light_key(design)
+        return self._light[1]
 
     def known(self, light: str) -> int:
         """Best refinement of a light that is kept; the coarsest where none is."""
@@ -104,7 +111,7 @@ class Bench:
 
     def simulator(self, design: Design, fineness: Fineness, samples: int) -> Simulator:
         """Simulator of a design; of its mixing and camera steps that of a like one may be another."""
-        key = light_key(design), fineness, samples
+        key = self.light(design), fineness, samples
 
         def made() -> Simulator:
             return Simulator(
@@ -122,7 +129,7 @@ class Bench:
         self, design: Design, fineness: Fineness, samples: int, press: Press | None, half: int | None = None
     ) -> Frame:
         """A frame, from light that is kept where possible, mixed for this design."""
-        key = light_key(design), fineness, samples, None if press is None else press.model_dump_json(), half
+        key = self.light(design), fineness, samples, None if press is None else press.model_dump_json(), half
 
         def made() -> Frame:
             return self.simulator(design, fineness, samples).frame(press, half=half)
@@ -132,12 +139,12 @@ class Bench:
 
     def has_frame(self, design: Design, fineness: Fineness, samples: int, press: Press | None) -> bool:
         """Whether a frame is kept."""
-        key = light_key(design), fineness, samples, None if press is None else press.model_dump_json(), None
+        key = self.light(design), fineness, samples, None if press is None else press.model_dump_json(), None
         return key in self._frames
 
     def slope_response(self, design: Design, fineness: Fineness, samples: int) -> Array:
         """What `Simulator.slope_response` gives."""
-        key = light_key(design), fineness, samples, "slope response"
+        key = self.light(design), fineness, samples, "slope response"
         simulator = self.simulator(design, fineness, samples)
         return np.asarray(_remembered(self._frames, key, simulator.slope_response, FRAMES_KEPT))
 
@@ -148,7 +155,7 @@ def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief | Rest]:
     What takes longer waits until the knob rests: while it is turned, only first pictures are made.
     """
     design, press, effort = job.design, job.press, bench.effort
-    light = light_key(design)
+    light = bench.light(design)
     start = bench.known(light)
     last = len(effort.samples) - 1
     while start < last and bench.has_frame(design, effort.full, effort.samples[start + 1], press):
@@ -159,10 +166,14 @@ def steps(bench: Bench, job: PictureJob) -> Iterator[Picture | Relief | Rest]:
         if level == start and not there:
             yield _picture(bench, job, effort.coarse, samples, _words(level, last, coarse=True))
             bench.baked(light, level)
+            if job.quick:
+                return
         if not there:
             yield Rest(FULL_REST_S if level == start else REST_S)
         yield _picture(bench, job, effort.full, samples, _words(level, last, coarse=False))
         bench.baked(light, level)
+        if job.quick:
+            return
         if level in (start, last):
             yield Rest(REST_S)
             if (found := _relief(bench, job, samples)) is not None:

@@ -22,6 +22,9 @@ from designlab.app.studio.supervisor import Supervisor
 ASSETS = Path(__file__).parent / "assets"
 TITLE = "designlab studio"
 LOCAL = "127.0.0.1"
+RECONNECT_S = 30.0
+"""For which a browser may be too busy to answer, before its tab is forgotten and has to load anew."""
+MESSAGES_KEPT = 300  # of a tab, to be sent again after that; some hold a picture of 100 kB
 
 
 class Studio:
@@ -81,7 +84,15 @@ def application(studio: Studio, token: str | None) -> Any:
     pages.on_startup(studio.start)
     pages.on_shutdown(studio.stop)
     ui.page("/", title=TITLE, favicon=ASSETS / "favicon.svg")(studio.open)
-    ui.run_with(app, title=TITLE, dark=None, tailwind=False, show_welcome_message=False)
+    ui.run_with(
+        app,
+        title=TITLE,
+        dark=None,
+        tailwind=False,
+        show_welcome_message=False,
+        reconnect_timeout=RECONNECT_S,
+        message_history_length=MESSAGES_KEPT,
+    )
     return Guard(app, token)
 
 

@@ -8,6 +8,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from designlab.app.studio.controls import Control, parts
+from designlab.app.studio.structure import (
+    BESIDE,
+    replacements,
+    with_group,
+    with_mirror,
+    without_group,
+    without_mirror,
+)
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design, DesignError
 from designlab.sensor.field_errors import explain
@@ -144,11 +152,44 @@ class Session:
         if where == "contact":
             edits = {name: old for name, old in edits.items() if not name.startswith("contact.")}
         edits[where] = what
-        design = self._made(edits)
-        self._remember(path, going_on)
-        self.edits, self.design = edits, design
-        if self.press.force_n is not None and not isinstance(design.contact, LayerContact):
-            self.press = usual_press(design)
+        self._set(edits, path, going_on)
+
+    def add_group(self, like: int) -> None:
+        """Add an LED group like another, where most room is between the rows.
+
+        Raises
+        ------
+        DesignError
+            If there are too many.
+        """
+        self._set(with_group(self.base, self.design, self.edits, like), f"group like {like}")
+
+    def remove_group(self, index: int) -> None:
+        """Take an LED group away.
+
+        Raises
+        ------
+        DesignError
+            If it is the only one.
+        """
+        self._set(without_group(self.base, self.design, self.edits, index), f"without group {index}")
+
+    def fold(self) -> None:
+        """Put a mirror before the camera, or take the one that is there away; the picture stays.
+
+        Raises
+        ------
+        DesignError
+            If the housing or the camera's direction leaves no room for one.
+        """
+        folded = self.design.camera.mirror is not None
+        change = without_mirror if folded else with_mirror
+        self._set(change(self.design, self.edits), "mirror")
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Changes as `Design.replace` takes them."""
+        return replacements(self.base, self.edits)
 
     def move_press(self, *, going_on: bool = False, **changes: Any) -> None:
         """Change the press: probe, depth_mm, force_n, centre_mm, yaw_deg.
@@ -212,8 +253,14 @@ class Session:
             If one cannot be made; the state stays as it was.
         """
         before = replace_state(self)
+        told = dict(list(edits.items())[:CHANGES_MOST])
+        # Parts that are there or not come first, with what has to change at once with them.
+        first = {path: told.pop(path) for path in BESIDE if path in told}
+        first |= {path: told[path] for part in first for path in BESIDE[part] if path in told}
         try:
-            for path, value in list(edits.items())[:CHANGES_MOST]:
+            if first:
+                self._set(first, "parts")
+            for path, value in told.items():
                 if path == "contact":
                     path, value = "contact.model", value.get("model") if isinstance(value, dict) else value
                 self.change(path, value)
@@ -226,9 +273,16 @@ class Session:
         if press is not None:
             self.press = press
 
+    def _set(self, edits: Mapping[str, Any], what: str, going_on: bool = False) -> None:
+        design = self._made(edits)
+        self._remember(what, going_on)
+        self.edits, self.design = edits, design
+        if self.press.force_n is not None and not isinstance(design.contact, LayerContact):
+            self.press = usual_press(design)
+
     def _made(self, edits: Mapping[str, Any]) -> Design:
         # A copy: values within values are set in place.
-        return self.base.replace(copy.deepcopy(dict(edits))) if edits else self.base
+        return self.base.replace(copy.deepcopy(replacements(self.base, edits))) if edits else self.base
 
     def _remember(self, what: str, going_on: bool) -> None:
         if not (going_on and self._last == what):

@@ -11,6 +11,7 @@ from designlab.app.studio.messages import Reply, Request
 
 MOST_DEATHS = 3
 """Deaths over one request after which it is given up."""
+END_S = 2.0  # that the worker may take to end
 
 OnReply = Callable[[Reply], None]
 
@@ -39,7 +40,8 @@ class Supervisor:
     def start(self) -> None:
         """Start the worker and listen to it."""
         self._spawn()
-        threading.Thread(target=self._listen, daemon=True, name="studio-replies").start()
+        self._listener = threading.Thread(target=self._listen, daemon=True, name="studio-replies")
+        self._listener.start()
 
     @property
     def pid(self) -> int | None:
@@ -64,12 +66,14 @@ class Supervisor:
 
     def stop(self) -> None:
         """End the worker."""
-        self._ended = True
-        with contextlib.suppress(OSError):
-            self._pipe.close()
-        self._process.join(timeout=2)
+        with self._lock:
+            self._ended = True
+            self._send((worker.END,))
+        self._process.join(timeout=END_S)
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()
+        # The listener reads to the end of the pipe, which may not be closed below it.
+        self._listener.join(timeout=END_S)
 
     def _spawn(self) -> None:
         self._pipe, theirs = self._context.Pipe()
@@ -109,11 +113,15 @@ class Supervisor:
     def _restart(self) -> None:
         self._process.join(timeout=1)
         with self._lock:
+            if self._ended:
+                return
+            self._pipe.close()
             self._spawn()
             self.restarts += 1
             given_up = []
+            waiting = {request.number for request in self._open.values()}
+            self._deaths = {number: self._deaths.get(number, 0) + 1 for number in waiting}
             for key, request in list(self._open.items()):
-                self._deaths[request.number] = self._deaths.get(request.number, 0) + 1
                 if self._deaths[request.number] >= MOST_DEATHS:
                     given_up.append(self._open.pop(key))
                 else:

@@ -28,6 +28,8 @@ from designlab.app.studio.newest import NewestQueue, Task
 
 FORGET = "forget"
 """Message with the name of a tab that was closed."""
+END = "end"
+"""Message that the studio ends."""
 
 Waits = Callable[[], bool]
 Steps = Iterator[Any]
@@ -63,6 +65,8 @@ def _listen(pipe: "Connection[Any, Any]", queue: NewestQueue) -> None:
             queue.put(Task(key, message.number, message, priority=message.priority))
         elif message[0] == FORGET:
             queue.drop(partial(_belongs, client=message[1]))
+        elif message[0] == END:
+            os._exit(0)
 
 
 def _belongs(key: Any, *, client: str) -> bool:
@@ -155,7 +159,7 @@ class Handlers:
     def _model(self, job: ModelJob) -> Steps:
         from designlab.report.view3d.model import glb
 
-        yield glb(job.design)
+        yield glb(job.design, section=job.section)
 
     def _export(self, job: ExportJob) -> Steps:
         from designlab.fabrication import export

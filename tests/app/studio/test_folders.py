@@ -109,6 +109,9 @@ def test_a_trial_of_a_study_is_put_on_the_bench(page, folder):
     tab.locator("#front .js-plotly-plot").wait_for(timeout=PICTURE_MS)
     row = tab.locator("tbody tr").first
     trial = int(row.locator("td").first.inner_text())
+    row.get_by_role("button").focus()
+    tab.wait_for_function("document.getElementById('trial-picture').src", timeout=PICTURE_MS)
+    assert f"Trial {trial}," in tab.inner_text("#trial-words")
     row.click()
     wanted = load(folder / "study" / "trials" / f"{trial:04d}" / "design.toml")
     assert wanted.digest == load_results(folder / "study").design(trial).digest

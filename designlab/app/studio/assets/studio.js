@@ -19,12 +19,16 @@
       if (slot === "now") {
         const stale = picture.digest !== expected.digest;
         element("stage").classList.toggle("stale", stale);
-        element("caption").textContent = stale ? "previous design; the new picture is on its way" : picture.caption;
+        const coming = expected.failed ? "of this one there is no picture" : "the new picture is on its way";
+        element("caption").textContent = stale ? `previous design; ${coming}` : picture.caption;
         element("stage").style.setProperty("--shape", picture.shape);
       }
     }
     const both = Boolean(shown.pinned);
     element("stage")?.classList.toggle("both", both);
+    const relief = shown.relief;
+    const old = relief && (relief.digest !== expected.digest || relief.request < expected.request);
+    document.querySelector(".maps")?.classList.toggle("stale", Boolean(old));
     mark();
   };
 
@@ -93,9 +97,21 @@
     });
   };
 
+  // The part of a slider that the keyboard reaches has no name of its own.
+  const nameSliders = () => {
+    for (const slider of document.querySelectorAll(".q-slider[aria-label]")) {
+      slider.querySelector("[tabindex]")?.setAttribute("aria-label", slider.getAttribute("aria-label"));
+    }
+  };
+  new MutationObserver(nameSliders).observe(document, { subtree: true, childList: true });
+
   window.studio = {
     // What the next picture must belong to; older ones are marked as such.
-    expect(digest, request) { expected = { digest, request }; draw(); },
+    expect(digest, request) {
+      expected = { digest, request };
+      element("stage").dataset.expected = digest;
+      draw();
+    },
     show(slot, picture) {
       if (slot === "now" && (picture.request < expected.request || picture.digest !== expected.digest)) return;
       const before = shown[slot];
@@ -104,6 +120,10 @@
       draw();
       window.dispatchEvent(new CustomEvent("studio-picture", { detail: { slot, request: picture.request, step: picture.step } }));
     },
+    // Of what is expected there will be no picture.
+    fail(digest) { if (digest === expected.digest) { expected.failed = true; draw(); } },
+    // What the maps were read off.
+    relief(digest, request) { shown.relief = { digest, request }; draw(); },
     forget(slot) { delete shown[slot]; draw(); },
     mark,
     mode(name) { element("stage").dataset.mode = name; draw(); },
@@ -115,6 +135,26 @@
       image.alt = alt;
       image.hidden = false;
     },
+    // Draw a scene where it is seen and something in it has moved: without a graphics card each frame costs.
+    calm(id) {
+      const place = element(id);
+      const view = window.getElement(Number(id.slice(1)));
+      if (!view?.renderer) { if (place) setTimeout(() => studio.calm(id), 200); return; }
+      if (view.renderer.studioCalm) return;
+      view.renderer.studioCalm = true;
+      const render = view.renderer.render.bind(view.renderer);
+      let [before, still] = ["", 0];
+      view.renderer.render = (scene, camera) => {
+        if (!place.checkVisibility()) { before = ""; return; }
+        let parts = 0;
+        scene.traverse(() => { parts += 1; });
+        const now = [...camera.position, ...camera.quaternion.toArray(), parts].map((x) => x.toFixed(5)).join();
+        still = now === before ? still + 1 : 0;
+        before = now;
+        if (still < 20) render(scene, camera);  // a second more, in which materials come
+      };
+    },
+    words(id, text) { if (element(id)) element(id).textContent = text; },
     begin() { touchable(); draw(); },
   };
 })();

@@ -9,7 +9,8 @@ from designlab.app.studio.desk import Desk
 from designlab.app.studio.messages import ModelJob, Picture, PictureJob, Relief, Reply, ScoreJob
 from designlab.app.studio.scoring import rows
 from designlab.app.studio.session import NotAllowed
-from designlab.app.studio.views.knobs import Knobs, fields_wrong
+from designlab.app.studio.structure import GROUPS
+from designlab.app.studio.views.knobs import Change, Knobs, fields_wrong
 from designlab.app.studio.views.press import PressKnobs
 from designlab.app.studio.views.scores import Scores
 from designlab.app.studio.views.sensor3d import Sensor3d
@@ -36,6 +37,7 @@ class DesignView:
         self._turned_at = time.monotonic()
         self._followed = ""  # digest that scores and drawing were asked for
         self._scores: dict[str, Score] = {}
+        self._unscored = ""  # why the design that was followed has none
         self._grid: Picture | None = None
         self._begun = False
         self._banner = ui.label("").classes("banner").props('role="alert" id="banner"')
@@ -46,12 +48,12 @@ class DesignView:
                 ui.label("Design").classes("heading").props('role="heading" aria-level="2"')
                 self._knob_box = ui.element("div")
                 with self._knob_box:
-                    self._knobs = Knobs(page.session.design, self._turned)
+                    self._knobs = Knobs(page.session.design, self._turned, self._parts_changed)
             with ui.element("div").classes("middle"):
                 self._stage = Stage(self._moded)
             with ui.element("div").classes("right"):
                 self._table = Scores()
-                self._sensor = Sensor3d(page.client)
+                self._sensor = Sensor3d(page.client, self._ask_model)
         ui.on("studio_touch", self._touched)
         ui.on("studio_push", self._pushed)
         ui.on("studio_nudge", self._nudged)
@@ -70,7 +72,7 @@ class DesignView:
         """Show a session that was begun anew."""
         self._knob_box.clear()
         with self._knob_box:
-            self._knobs = Knobs(self._page.session.design, self._turned)
+            self._knobs = Knobs(self._page.session.design, self._turned, self._parts_changed)
         call(self._page.client, "forget", "pinned")
         self._begun = True
         self._changed()
@@ -110,6 +112,23 @@ class DesignView:
             self._page.session.rest()
         self._changed()
         return ""
+
+    def _parts_changed(self, what: Change, number: int) -> None:
+        """Add an LED group or a mirror, or take one away."""
+        session = self._page.session
+        count = len(session.design.leds.groups)
+        try:
+            if what == "add group":
+                session.add_group(number % count)
+                self._knobs.open(f"{GROUPS}.{count}")
+            elif what == "remove group":
+                session.remove_group(number)
+            else:
+                session.fold()
+        except DesignError as error:
+            self._page.warn(str(error).removeprefix("replace(): field "))
+            return
+        self._changed()
 
     def _press_set(self, name: str, value: Any) -> str:
         press = self._page.session.press
@@ -170,6 +189,8 @@ class DesignView:
         self._ask_picture()
         self._show_scores()
         self._mark()
+        if self._followed != session.design.digest:
+            self._sensor.outdated()
 
     @property
     def _shown_press(self) -> Press | None:
@@ -198,6 +219,7 @@ class DesignView:
         if reply.error:
             self._banner.set_text(reply.error)
             self._banner.set_visibility(True)
+            call(self._page.client, "fail", reply.digest)
         elif isinstance(reply.content, Picture):
             self._grid = reply.content
             self._stage.picture(
@@ -210,7 +232,7 @@ class DesignView:
             )
             self._mark()
         elif isinstance(reply.content, Relief):
-            self._stage.relief(self._page.client, reply.content)
+            self._stage.relief(self._page.client, reply.content, digest=reply.digest, request=reply.number)
 
     def _pinned_picture(self, reply: Reply) -> None:
         pin = self._page.session.pin
@@ -242,25 +264,43 @@ class DesignView:
         if self._followed == session.design.digest:
             return
         self._followed = session.design.digest
-        self._page.ask(MODEL, ModelJob(session.design), self._model, priority=MODEL_PRIORITY)
+        self._ask_model()
         self._ask_scores()
+
+    def _ask_model(self) -> None:
+        if self._sensor.hidden:
+            return
+        job = ModelJob(self._page.session.design, section=self._sensor.section)
+        self._page.ask(MODEL, job, self._model, priority=MODEL_PRIORITY)
 
     def _ask_scores(self) -> None:
         session = self._page.session
-        if session.design.broken():
-            self._table.say("No scores: the design breaks a rule.")
+        if session.design.digest in self._scores:
             return
-        if session.design.digest not in self._scores:
-            self._table.say("scoring; this takes some seconds")
+        if not session.design.broken():
+            self._unscored = ""
             self._page.ask(SCORES, ScoreJob(session.design), self._scored, priority=SCORE_PRIORITY)
+        self._table.say(self._why_unscored())
+
+    def _why_unscored(self) -> str:
+        """Why the present design has no scores yet."""
+        design = self._page.session.design
+        if design.broken():
+            return "No scores: the design breaks a rule."
+        if self._followed == design.digest:
+            return self._unscored or "scoring; this takes some seconds"
+        return "scores follow when the knobs rest"
 
     def _model(self, reply: Reply) -> None:
+        if reply.error and reply.digest == self._page.session.design.digest:
+            self._sensor.say(f"No drawing: {reply.error}")
         if reply.digest == self._page.session.design.digest and isinstance(reply.content, bytes):
             self._sensor.show(reply.content, self._page.session.design.housing.top_mm)
 
     def _scored(self, reply: Reply) -> None:
         if reply.error and reply.digest == self._page.session.design.digest:
-            self._table.say(f"No scores: {reply.error}")
+            self._unscored = f"No scores: {reply.error}"
+            self._table.say(self._unscored)
         if isinstance(reply.content, Score):
             self._keep(reply.digest, reply.content)
             self._show_scores()
@@ -280,8 +320,7 @@ class DesignView:
         session = self._page.session
         score = self._scores.get(session.design.digest)
         if score is None:
-            told = "scores follow when the knobs rest" if self._scores else "scores follow"
-            self._table.say(told)
+            self._table.say(self._why_unscored())
             return
         before = None
         if session.pin is not None:

@@ -95,7 +95,7 @@ def copy_dialog(page: Desk) -> None:
     file = session.source if saved else "my-design.toml"
     texts = {
         "Command line": command_lines(file, session.press),
-        "Python": python_lines(session.source, session.edits, session.press),
+        "Python": python_lines(session.source, session.changes, session.press),
     }
     with ui.dialog() as dialog, ui.card():
         for title, text in texts.items():

@@ -169,6 +169,7 @@ class GapView:
                 min=knob.low, max=max(knob.high, knob.low + 1e-9), step=step, value=float(f"{knob.value:.4g}")
             )
             slider.props(f'dense label aria-label="{label}"')
+            ui.label().bind_text_from(slider, "value", lambda value: f"{value:.3g}").classes("facts")
             slider.on("change", lambda: self._move(knob.key, float(slider.value)))
             ui.label(ends).classes("note")
 

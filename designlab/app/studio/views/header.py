@@ -48,9 +48,9 @@ class Header:
         if session.source not in self._source.options:
             self._source.set_options([*self._source.options, session.source])
         self._source.set_value(session.source)
-        name = "" if session.design.name == session.source else session.design.name
-        self._name.set_text(name)
-        self._name.props["title"] = name  # where there is no room for all of it
+        count = len(session.edits)
+        self._name.set_text(f"{count} change{'s' if count > 1 else ''}" if count else "")
+        self._name.props["title"] = session.design.name  # which lists them
         self._undo.set_enabled(session.can_undo)
         self._redo.set_enabled(session.can_redo)
         self._pin.set_text("pin" if session.pin is None else "unpin")

@@ -1,19 +1,25 @@
 """The left column: a knob for each field, by part, with what is wrong beside the field that is."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
 from nicegui import ui
 
 from designlab.app.studio.controls import OPEN, Control, Part, numbers_text, parts, read_numbers, slider_range
 from designlab.app.studio.rule_fields import RULE_FIELDS
+from designlab.app.studio.structure import MIRROR
 from designlab.sensor.design import Design
 from designlab.sensor.feasibility import RULES
 
 OFF = "off"
+GROUP = "leds.groups."
 FIRST_OPEN = "leds"
 Turned = Callable[[str, Any, bool], str]
 """Called with path, value and whether the knob is still turned; returns what is wrong, or nothing."""
+Change = Literal["add group", "remove group", "mirror"]
+Changed = Callable[[Change, int], None]
+"""Called when a part shall be added or taken away; of LED groups with their number."""
 
 
 class Knobs:
@@ -25,10 +31,12 @@ class Knobs:
         The design.
     turned : callable
         Told of every turn.
+    changed : callable
+        Told what shall be added or taken away.
     """
 
-    def __init__(self, design: Design, turned: Turned) -> None:
-        self._turned = turned
+    def __init__(self, design: Design, turned: Turned, changed: Changed) -> None:
+        self._turned, self._changed = turned, changed
         self._start = {c.path: c.value for part in parts(design) for c in part.controls}
         self._rows: dict[str, Row] = {}
         self._boxes: dict[str, ui.expansion] = {}
@@ -74,6 +82,7 @@ class Knobs:
                 for control in part.controls:
                     start = self._start.get(control.path, control.value)
                     self._rows[control.path] = Row(control, start, self._turned)
+                self._buttons(part)
 
         def opened(event: Any) -> None:
             (self._open.add if event.value else self._open.discard)(part.key)
@@ -83,6 +92,27 @@ class Knobs:
         box.on_value_change(opened)
         if part.key in self._open:
             fill(part)
+
+    def _buttons(self, part: Part) -> None:
+        """Buttons that add a part or take one away."""
+        made: list[tuple[str, Change, int]] = []
+        if part.key == "leds":
+            made = [("add an LED group", "add group", -1)]
+        elif part.key.startswith(GROUP):
+            number = int(part.key.removeprefix(GROUP))
+            made = [("add one like it", "add group", number), ("remove this group", "remove group", number)]
+        elif part.key == "camera":
+            there = any(control.path.startswith(f"{MIRROR}.") for control in part.controls)
+            made = [("take the mirror away" if there else "add a mirror", "mirror", 0)]
+        if made:
+            with ui.element("div").classes("knob-buttons"):
+                for text, what, number in made:
+                    button = ui.button(text, on_click=partial(self._changed, what, number))
+                    button.props(f'outline dense no-caps size=sm data-change="{what} {number}"')
+
+    def open(self, key: str) -> None:
+        """Open a part, also one that is there only after the next update."""
+        self._open.add(key)
 
     def _tell(self, design: Design, found: tuple[Part, ...]) -> None:
         """Write the margin of each broken rule beside the first of its fields, and mark its part."""

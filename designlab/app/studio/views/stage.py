@@ -57,6 +57,7 @@ class Stage:
             self._map("map-normals", "normals, reconstructed")
             self._read = ui.label("").classes("facts read").props('id="relief-facts"')
         self._maps.set_visibility(False)
+        self._read_off = False
 
     def _map(self, name: str, title: str) -> None:
         picture = (
@@ -71,6 +72,7 @@ class Stage:
 
     def _set_mode(self, event: Any) -> None:
         ui.run_javascript(f"studio.mode({event.value!r})")
+        self._maps.set_visibility(self.pressed and self._read_off)
         self._moded()
 
     def comparing(self, shown: bool) -> None:
@@ -101,9 +103,11 @@ class Stage:
         if slot == "now":
             self._facts.set_text(", ".join(f"{what} {value}" for what, value in found.facts.items()))
 
-    def relief(self, client: Any, found: Relief) -> None:
-        """Show what was read off the press."""
-        self._maps.set_visibility(True)
+    def relief(self, client: Any, found: Relief, *, digest: str, request: int) -> None:
+        """Show what was read off the press of a picture."""
+        self._read_off = True
+        self._maps.set_visibility(self.pressed)
+        call(client, "relief", digest, request)
         call(client, "map", "map-height", source(found.height), "height of the membrane, reconstructed")
         call(client, "map", "map-normals", source(found.normals), "normals of the membrane, reconstructed")
         self._low.set_text(f"{found.low_mm:.2f}")

@@ -1,6 +1,7 @@
 """The view of a study: its front while it runs, and the designs that its points stand for."""
 
 import copy
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +9,28 @@ from nicegui import ui
 
 from designlab.app.studio.confinement import OutsideFolder, files_below, inside, shown
 from designlab.app.studio.desk import Desk
-from designlab.app.studio.messages import Reply, StudyJob
+from designlab.app.studio.messages import Picture, PictureJob, Reply, StudyJob
 from designlab.app.studio.opened import STUDY_FILE
+from designlab.app.studio.session import usual_press
 from designlab.app.studio.studies import StudyState
+from designlab.app.studio.views.stage import call, source
 from designlab.optimization.study.folder import RECORD_FILE, trial_folder
+from designlab.sensor.design import DesignError, load
 
 LOOK_S = 2.0
-STATE, DESIGN_FILE = "study", "design.toml"
+STATE, LOOKED_AT, DESIGN_FILE = "study", "trial", "design.toml"
 PRIORITY = 1
+PREVIEW = """
+<figure class="preview"><img id="trial-picture" alt="" hidden>
+<figcaption id="trial-words">Point at a design to see its picture.</figcaption></figure>
+"""
+TRIAL_CELL = """
+<q-td :props="props"><q-btn flat dense no-caps color="" :label="props.value"
+  :aria-label="'put trial ' + props.value + ' on the bench'"
+  @click.stop="() => $parent.$emit('open', props.row)"
+  @mouseenter="() => $parent.$emit('look', props.row)"
+  @focus="() => $parent.$emit('look', props.row)" /></q-td>
+"""
 EMPTY = (
     "No study under this folder. Write one with `designlab init DIR`, or give its folder: "
     "`designlab studio FOLDER`."
@@ -30,6 +45,7 @@ class StudyView:
         self._seen: tuple[float, bool] | None = None
         self._state: StudyState | None = None
         self._plot: ui.plotly | None = None
+        self._looked_at = -1
         with ui.element("div").classes("view"):
             self._empty = ui.label(EMPTY).classes("empty-words")
             with ui.row().classes("items-center") as self._bar:
@@ -46,7 +62,9 @@ class StudyView:
             self._words = ui.label("").classes("lead").props('aria-live="polite"')
             self._problem = ui.label("").classes("wrong").props('role="alert"')
             self._hint = ui.label("Click a point, or a row, to put its design on the bench.").classes("note")
-            self._chart = ui.element("div").style("width: 100%").props('id="front"')
+            with ui.element("div").classes("study-body") as self._body:
+                self._chart = ui.element("div").props('id="front"')
+                ui.html(PREVIEW, sanitize=False)
             self._table = ui.element("div").style("width: 100%; overflow-x: auto")
         ui.timer(LOOK_S, self._look)
 
@@ -57,7 +75,7 @@ class StudyView:
         wanted = self._page.address.folder
         there = bool(found)
         self._empty.set_visibility(not there)
-        for part in (self._bar, self._words, self._hint):
+        for part in (self._bar, self._words, self._hint, self._body):
             part.set_visibility(there)
         if not there:
             return
@@ -90,7 +108,7 @@ class StudyView:
         if path is None or self._page.address.view != "study":
             return
         running = self._page.runs.running(path)
-        self._start.set_enabled(not running)
+        self._start.set_enabled(not running and not (self._state is not None and self._state.finished))
         self._pause.set_enabled(running)
         self._start.set_text("go on" if self._state is not None and self._state.rows else "start")
         said = self._page.runs.said(path)
@@ -134,7 +152,10 @@ class StudyView:
             columns = [{"name": n, "label": n, "field": n, "align": "left"} for n in names]
             with self._table:
                 table = ui.table(columns=columns, rows=state.rows, row_key="trial").props("dense flat")
+                table.add_slot("body-cell-trial", TRIAL_CELL)
                 table.on("rowClick", lambda event: self._load(int(event.args[1]["trial"])))
+                table.on("open", lambda event: self._load(int(event.args["trial"])))
+                table.on("look", lambda event: self._look_at(int(event.args["trial"])))
 
     def _draw(self, figure: dict[str, Any] | None) -> None:
         """Draw the front. A chart that is there is drawn anew: the browser may still be laying it out."""
@@ -146,22 +167,48 @@ class StudyView:
         else:
             with self._chart:
                 self._plot = ui.plotly(_themed(figure)).style("width: 100%; height: 26rem")
-                self._plot.on("plotly_click", self._clicked)
+                self._plot.on("plotly_click", lambda event: self._pointed(event, self._load))
+                self._plot.on("plotly_hover", lambda event: self._pointed(event, self._look_at))
 
-    def _clicked(self, event: Any) -> None:
+    def _pointed(self, event: Any, then: Callable[[int], None]) -> None:
         points = event.args.get("points") or []
         told = points[0].get("customdata") if points else None
         if told is not None and str(told).isdigit():
-            self._load(int(told))
+            then(int(told))
+
+    def _design_file(self, trial: int) -> Path | None:
+        """File of a trial's design; None where it was evaluated in another trial."""
+        path = self._path
+        file = None if path is None else trial_folder(path, trial) / DESIGN_FILE
+        return file if file is not None and file.is_file() else None
 
     def _load(self, trial: int) -> None:
-        if (path := self._path) is None:
-            return
-        file = trial_folder(path, trial) / DESIGN_FILE
-        if file.is_file():
+        if (file := self._design_file(trial)) is not None:
             self._page.open(shown(self._page.root, file))
         else:
             self._page.warn(f"trial {trial}: its design was evaluated in another trial; choose that one")
+
+    def _look_at(self, trial: int) -> None:
+        """Show the picture of a design that is pointed at."""
+        if trial == self._looked_at or (file := self._design_file(trial)) is None:
+            return
+        self._looked_at = trial
+        try:
+            design = load(file)
+        except DesignError:
+            return
+        call(self._page.client, "words", "trial-words", f"Trial {trial}: its picture is on its way.")
+
+        def told(reply: Reply) -> None:
+            if reply.error:
+                call(self._page.client, "words", "trial-words", f"Trial {trial}: {reply.error}")
+            if isinstance(reply.content, Picture):
+                picture = source(reply.content.png)
+                call(self._page.client, "map", "trial-picture", picture, f"camera picture of trial {trial}")
+                call(self._page.client, "words", "trial-words", f"Trial {trial}, {reply.content.step}")
+
+        job = PictureJob(design, usual_press(design), quick=True)
+        self._page.ask(LOOKED_AT, job, told, priority=PRIORITY)
 
 
 def _themed(figure: dict[str, Any]) -> dict[str, Any]:
