@@ -36,7 +36,7 @@ QUICK = 1  # level of compression: a sixth of the usual time
 SEED = 0  # as `designlab evaluate`, whose light fields are shared so
 FULL_REST_S, REST_S = 0.06, 0.3  # for which nothing newer must come before a full picture, and all else
 GRID = 9  # places of a picture, along each side, whose points on the membrane are told
-FRAMES_KEPT, SIMULATORS_KEPT, LEVELS_KEPT = 48, 10, 8
+FRAMES_KEPT, SIMULATORS_KEPT, LEVELS_KEPT = 24, 5, 8
 
 MIXED_CAMERA = (
     *EXPOSING,

@@ -72,7 +72,9 @@ def audited(tab, state):
         tab.set_viewport_size({"width": width, "height": height})
         for theme in THEMES:
             tab.emulate_media(color_scheme=theme)
+            tab.mouse.move(1, 1)  # away from what shows a tip, which is pale while it fades
             tab.wait_for_timeout(400)
+            tab.locator(".q-tooltip").first.wait_for(state="detached")
             if SHOTS:
                 tab.screenshot(path=Path(SHOTS) / f"{state}-{width}-{theme}.png")
             for fault in tab.evaluate(AUDIT):
