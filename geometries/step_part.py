@@ -54,8 +54,13 @@ class StepPart(Spec):
         ValueError
             If the kept content is damaged.
         """
+        unpacked = zlib.decompressobj()
         try:
-            return zlib.decompress(base64.b64decode(self.content, validate=True))
+            # no more than a file may have, whatever was packed
+            data = unpacked.decompress(base64.b64decode(self.content, validate=True), LARGEST_BYTES)
+            if not unpacked.eof:
+                raise ValueError
+            return data
         except (ValueError, zlib.error):
             raise ValueError(
                 f"{self.file}: its content is damaged; delete `content` to read it again"

@@ -1,6 +1,8 @@
 """A housing of one's own from a STEP file: closed, in the rules, in the light and in the export."""
 
+import base64
 import math
+import zlib
 from pathlib import Path
 
 import cadquery
@@ -159,3 +161,13 @@ def test_a_bright_part_is_named_as_a_housing(tmp_path):
         own = [shape for shape in scene.shapes if "step" in shape.name]
         assert [shape.name for shape in own] == [name]
         assert not any(shape.name.startswith("housing-tube") for shape in scene.shapes)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    "packed", [b"", b"no zlib", zlib.compress(b"cut")[:-3], zlib.compress(bytes(5_000_000))]
+)
+def test_damaged_or_swollen_content_is_refused(packed):
+    part = StepPart(file="own.step", content=base64.b64encode(packed).decode() or "=")
+    with pytest.raises(ValueError, match=r"own\.step: its content is damaged"):
+        _ = part.data
