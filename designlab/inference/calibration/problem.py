@@ -28,12 +28,16 @@ Imaging = Rendered | Directional
 
 @dataclass(frozen=True, eq=False)
 class CalibrationState:
-    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), factors of components and floor."""
+    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), factors of components and floor.
+
+    `stuck` says that the search for it ended early: derivatives promised much, and no step held it.
+    """
 
     shared: Array
     poses: Mapping[int, Array]
     transfer: Array
     floor: Array
+    stuck: bool = False
 
     def pose(self, number: int) -> Array:
         """Departure of a shot's pose from the stated one."""

@@ -81,6 +81,8 @@ class Calibration:
         directional light: its factors, shape (3, components).
     notes : tuple of str
         What was left out, assumed, or cannot be told apart.
+    stuck : bool
+        Whether the search ended early, though its derivatives promised a better fit.
     """
 
     model: SensorModel | DirectionalLight
@@ -92,6 +94,7 @@ class Calibration:
     floor: Array
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
+    stuck: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data; numbers without a finite value are None."""

@@ -164,6 +164,7 @@ def calibrate(
         ),
         transfer=state.transfer,
         floor=state.floor,
+        stuck=state.stuck,
         notes=(*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation)),
         provenance={
             "measurement": measurement.name,

@@ -26,6 +26,7 @@ LEAST_GAIN, ROUGH_GAIN, FINE_GAIN = 0.3, 9.0, 0.01
 STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
 MOST_TRIES = 4
+STUCK = 0.1  # of the objective, that derivatives promised where none of the tries was any better
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
 UPPER = 0.975  # end of a 95 % interval
 BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
@@ -103,7 +104,7 @@ def fit(
     """
     layout = Layout(problem, numbers, held_out=held_out)
     bases = problem.bases(state, numbers)
-    state = state if held_out else problem.lit_best(state, bases)
+    state = replace(state if held_out else problem.lit_best(state, bases), stuck=False)
     best, damping = problem.objective(state, bases), DAMPING
     values = sum(int(problem.shots[number].valid.sum()) for number in numbers)
     slopes: dict[int, dict[int, Array]] = {}
@@ -122,12 +123,14 @@ def fit(
             trial = trial if held_out else problem.lit_best(trial, tried)
             value = problem.objective(trial, tried)
             if value < best:
-                state, bases, best = trial, tried, value
+                state, bases, best = replace(trial, stuck=False), tried, value
                 damping /= 4
                 break
             if not fresh:
                 break
             damping *= 8
+        else:
+            state = replace(state, stuck=hoped > STUCK * best)
         if fresh and before - best < least:
             break
         if before - best < STEEP * before:

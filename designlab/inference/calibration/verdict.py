@@ -33,7 +33,7 @@ def fit_verdict(found: Calibration) -> FitVerdict:
 
     Light without transport is a baseline to compare with: what it leaves makes it doubtful, no failure.
     """
-    told = [*_floor(found), *_groups(found), *_structure(found), *_left(found)]
+    told = [*_floor(found), *_groups(found), *_structure(found), *_left(found), *_search(found)]
     renders = isinstance(found.model, SensorModel)
     failed = [reason for fails, reason in told if fails and renders]
     reasons = (*failed, *(reason for _, reason in told if reason not in failed))
@@ -98,6 +98,16 @@ def _left(found: Calibration) -> Iterator[tuple[bool, str]]:
         yield (
             ratio < UNLIKE_DB[1],
             f"the fit leaves {left:.0f} % of the signal, far more than noise (SNR {ratio:.1f} dB)",
+        )
+
+
+def _search(found: Calibration) -> Iterator[tuple[bool, str]]:
+    """A search that went nowhere has values that it began with, and intervals of no worth."""
+    if found.stuck:
+        yield (
+            False,
+            "the search ended where no step made the pictures fit better, though their derivatives promise "
+            "one: values may still be those that it began with",
         )
 
 

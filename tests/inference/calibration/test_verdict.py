@@ -51,6 +51,7 @@ def test_a_fit_that_nothing_speaks_against_is_good():
     [
         ({"floor": np.array([0.42, 0.42, 0.42])}, "failed", "of the light in channels R, G, B is a floor"),
         ({"floor": np.array([0.0, 0.0, 0.12])}, "doubtful", "27% of the light in channel B is a floor"),
+        ({"stuck": True}, "doubtful", "the search ended where no step made the pictures fit better"),
         (
             {"transfer": np.array([[900.0, 0.0, 0.0], [0.0, 1400.0, 0.0], [500.0, 500.0, 1.0]])},
             "failed",
