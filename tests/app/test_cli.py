@@ -569,6 +569,7 @@ def test_export_writes_files_that_pass_their_checks(run_json, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_plant_hides_what_it_was_told(run_json, tmp_path):
     from designlab.validation.synthetic import unseal
 
