@@ -258,6 +258,7 @@ def test_a_calibration_serves_its_own_sensor_as_before_and_others_less_well(scor
 
 
 @pytest.mark.llvm
+@pytest.mark.full
 def test_what_render_noise_adds_to_errors_is_taken_off():
     """Against four times the light, of which noise adds less."""
 

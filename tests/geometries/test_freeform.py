@@ -192,6 +192,7 @@ def test_the_scene_closes_between_membrane_and_core():
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_it_can_be_exported(tmp_path):
     manifest = export(DESIGN, tmp_path / "parts")
     assert all(check["ok"] for check in manifest["checks"])

@@ -57,13 +57,8 @@ def made(folder, design):
 @pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.recovery
-@pytest.mark.parametrize(
-    "azimuths_deg",
-    [
-        (90, 210, 150),
-        *(pytest.param(each, marks=pytest.mark.full) for each in ((90, 210, 330), (30, 150, 270))),
-    ],
-)
+@pytest.mark.full
+@pytest.mark.parametrize("azimuths_deg", [(90, 210, 150), (90, 210, 330), (30, 150, 270)])
 def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     there = {f"leds.groups.{n}.azimuth_deg": [float(azimuth)] for n, azimuth in enumerate(azimuths_deg)}
     found = search_layout(made(tmp_path / "m", DESIGN.replace(there)), DESIGN, seed=1)

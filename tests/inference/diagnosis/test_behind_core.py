@@ -34,6 +34,7 @@ def untouched() -> Shot:
 @pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.llvm
+@pytest.mark.full
 def test_photons_that_go_other_ways_bring_no_noise_of_their_own(tmp_path) -> None:
     given = SensorModel.of(DESIGN)
     uneven = given.with_effect(AppliedEffect(name="led_spread", values=UNEVEN))
