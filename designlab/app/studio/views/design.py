@@ -181,12 +181,12 @@ class DesignView:
         """Show the state, and ask for what belongs to it."""
         session = self._page.session
         self._turned_at = time.monotonic()
+        self._ask_picture()  # first: it is made while the rest is shown
         self._knobs.update(session.design)
         self._press.update(session.press)
         self._banner.set_text(fields_wrong(session.design.broken()))
         self._banner.set_visibility(bool(self._banner.text))
         self._page.changed()
-        self._ask_picture()
         self._show_scores()
         self._mark()
         if self._followed != session.design.digest:
