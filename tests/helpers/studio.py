@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,14 +11,34 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
+from designlab.core.images import write_image
 from tests import ROOT
 from tests.helpers.browser import opened
+from tests.helpers.studies import make, run
 
 PROGRAM = """
 import sys
 from designlab.app.cli import main
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))
+"""
+QUICK_SENSOR = "gelsight-2020-flat"  # in air
+DIAGNOSIS = ROOT / "tests" / "regression" / "written_before" / "diagnosis"
+MEASUREMENT = f"""
+name = "made up"
+sensor = "{QUICK_SENSOR}"
+response = "linear"
+[[frame]]
+file = "background.exr"
+kind = "background"
+[[frame]]
+file = "press.exr"
+kind = "press"
+probe = "sphere:4.0"
+depth_mm = 0.6
+centre_mm = [1.0, -1.0]
 """
 START_S, PICTURE_MS = 120, 120_000
 SCREEN = {"width": 1280, "height": 800}
@@ -86,6 +107,17 @@ class Studio:
             with self._said:
                 self.lines.append(line.strip())
                 self._said.notify()
+
+
+def fill(folder, background, press):
+    """Put a finished study, a diagnosis and its measurement, of two pictures, into a folder."""
+    run(make(trials=4), folder / "study")
+    shutil.copytree(DIAGNOSIS, folder / "diagnosis")
+    measurement = folder / "measurement"
+    measurement.mkdir()
+    (measurement / "measurement.toml").write_text(MEASUREMENT)
+    for name, image in (("background", background), ("press", press)):
+        write_image(measurement / f"{name}.exr", np.asarray(image, dtype=np.float32))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import pytest
 from designlab.app.studio.session import Session
 from designlab.app.studio.url_state import address_of
 from designlab.sensor.design import preset
-from tests.helpers.studio import PICTURE_MS, Studio, pages
+from tests.helpers.studio import PICTURE_MS, QUICK_SENSOR, Studio, pages
 
 pytestmark = [
     pytest.mark.renders,
@@ -22,7 +22,6 @@ pytestmark = [
     pytest.mark.faults,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
-NAME = "gelsight-2020-flat"  # in air, which is quick
 GROWTH_MB = {"server": 40, "worker": 150}
 """Most that a process may grow by from event 400 to 1,000. In the server, a leak of each picture sent,
 some 100 kB, is 60 MB. In the worker, a leak of each frame made, some megabytes, is a gigabyte; which of its
@@ -137,7 +136,7 @@ def test_random_events_and_a_worker_that_is_killed_leave_the_page_alive(tmp_path
     warm = events // 5  # all kills come before: what is measured afterwards is one process
     killed = set(np.linspace(warm // (kills + 1), warm - 1, kills).astype(int).tolist())
     measured = [n - 1 for n in range(2 * warm, events + 1, warm)] if events >= 1000 else [events - 1]
-    studio = Studio(folder, NAME, "--port", "0")
+    studio = Studio(folder, QUICK_SENSOR, "--port", "0")
     memory = {}
     try:
         with pages(studio) as opened:

@@ -1,50 +1,23 @@
 """Studies and diagnoses in the studio."""
 
-import shutil
-
-import numpy as np
 import pytest
 
-from designlab.core.images import write_image
 from designlab.optimization.study import load_results
 from designlab.sensor.camera import View
 from designlab.sensor.design import load, preset
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator, automatic_exposure
-from tests import ROOT
-from tests.helpers.studies import make, run
-from tests.helpers.studio import PICTURE_MS, Studio, pages
+from tests.helpers.studio import PICTURE_MS, QUICK_SENSOR, Studio, fill, pages
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow]
-DIAGNOSIS = ROOT / "tests" / "regression" / "written_before" / "diagnosis"
-NAME = "gelsight-2020-flat"
-MEASUREMENT = f"""
-name = "gelsight-2020-flat, generated"
-sensor = "{NAME}"
-response = "linear"
-[[frame]]
-file = "background.exr"
-kind = "background"
-[[frame]]
-file = "press.exr"
-kind = "press"
-probe = "sphere:4.0"
-depth_mm = 0.6
-centre_mm = [1.0, -1.0]
-"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A finished study, and a diagnosis beside its measurement: vignetting that the model lacks."""
     found = tmp_path_factory.mktemp("studio")
-    run(make(trials=4), found / "study")
-    shutil.copytree(DIAGNOSIS, found / "diagnosis")
-    measurement = found / "measurement"
-    measurement.mkdir()
-    (measurement / "measurement.toml").write_text(MEASUREMENT)
-    design = preset(NAME)
+    design = preset(QUICK_SENSOR)
     camera = design.camera
     model = SensorModel(
         design=design, effects=(AppliedEffect(name="vignetting", values={"corner_loss": 0.5}),)
@@ -53,8 +26,7 @@ def folder(tmp_path_factory):
     simulator = Simulator(model, view=view, samples=16, seed=3)
     scale = automatic_exposure(simulator.frame(None).mixed)
     press = Press(probe="sphere:4", depth_mm=0.6, centre_mm=(1.0, -1.0))
-    for name, what in (("background", None), ("press", press)):
-        write_image(measurement / f"{name}.exr", np.asarray(scale * simulator.frame(what).mixed))
+    fill(found, *(scale * simulator.frame(what).mixed for what in (None, press)))
     return found
 
 

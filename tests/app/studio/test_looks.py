@@ -1,46 +1,27 @@
 """Every view in two sizes and both themes: nothing overlaps, is clipped, pale, nameless or out of reach."""
 
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from designlab.core.images import write_image
 from tests import ROOT
 from tests.helpers.browser import opened
-from tests.helpers.studies import make, run
-from tests.helpers.studio import FULL, PICTURE_MS, Studio, pages
+from tests.helpers.studio import FULL, PICTURE_MS, QUICK_SENSOR, Studio, fill, pages
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow]
-NAME = "gelsight-2020-flat"  # in air, which is quick
-DIAGNOSIS = ROOT / "tests" / "regression" / "written_before" / "diagnosis"
 AUDIT = (ROOT / "tests" / "helpers" / "page_audit.js").read_text()
 SIZES = ((1280, 800), (1920, 1080))
 THEMES = ("light", "dark")
 SHOTS = os.environ.get("DESIGNLAB_SHOTS")  # folder for screenshots, to be looked at
-MEASUREMENT = f"""
-name = "made up"
-sensor = "{NAME}"
-response = "linear"
-[[frame]]
-file = "background.exr"
-kind = "background"
-[[frame]]
-file = "press.exr"
-kind = "press"
-probe = "sphere:4.0"
-depth_mm = 0.6
-centre_mm = [1.0, -1.0]
-"""
 
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
     pytest.importorskip("nicegui", reason="NiceGUI is not installed")
     folder = tmp_path_factory.mktemp("studio")
-    found = Studio(folder, NAME, "--port", "0")
+    found = Studio(folder, QUICK_SENSOR, "--port", "0")
     yield found
     assert found.stop() == 0
 
@@ -51,18 +32,11 @@ def tab(studio):
         yield opened("?view=study", picture=False)
 
 
-def fill(folder):
-    """Put a finished study, a diagnosis and its measurement into a folder."""
-    run(make(trials=4), folder / "study")
-    shutil.copytree(DIAGNOSIS, folder / "diagnosis")
-    measurement = folder / "measurement"
-    measurement.mkdir()
-    (measurement / "measurement.toml").write_text(MEASUREMENT)
+def pictures():
+    """The untouched gel and a press, made up."""
     x, y = np.meshgrid(np.linspace(-1, 1, 64), np.linspace(-1, 1, 48))
     rest = np.stack([0.5 + 0.1 * x, 0.5 - 0.1 * y, 0.5 + 0.1 * y], axis=-1)
-    press = rest + 0.3 * (np.exp(-20 * (x**2 + y**2)) * x)[..., None]
-    for name, image in (("background", rest), ("press", press)):
-        write_image(measurement / f"{name}.exr", image.astype(np.float32))
+    return rest, rest + 0.3 * (np.exp(-20 * (x**2 + y**2)) * x)[..., None]
 
 
 def audited(tab, state):
@@ -93,7 +67,7 @@ def test_every_view_can_be_read_and_reached(tab, studio):
     faults += audited(tab, "gap-empty")
     view(tab, "Reconstruct")
     faults += audited(tab, "reconstruct-empty")
-    fill(studio.folder)
+    fill(studio.folder, *pictures())
     view(tab, "Study")
     tab.get_by_text("4 of 4 designs evaluated").wait_for(timeout=PICTURE_MS)
     tab.locator("#front .js-plotly-plot .main-svg").first.wait_for(timeout=PICTURE_MS)
