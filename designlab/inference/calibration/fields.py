@@ -29,6 +29,9 @@ STATED = re.compile(
     rf"(?:(?P<low>{NUMBER})\.\.(?P<high>{NUMBER}))?)?"
 )
 DIRECTION, DIRECTION_STEP_DEG = r"lights\.\d+\.\w+_deg", 1.0
+# Where an LED stands changes a picture by more than the noise of light through ground sides from these on.
+LED_PLACE = r"leds\.(groups\.\d+\.)?(?P<name>height_mm|tilt_deg|azimuth_deg)(\.\d+)?"
+LED_STEPS = {"height_mm": 0.5, "tilt_deg": 2.0, "azimuth_deg": 3.0}
 MOST_EDGE = 0.5  # of the largest edge radius that a probe of the given size can have
 
 
@@ -134,6 +137,8 @@ def _field(model: BaseModel, path: str, probes: Sequence[Probe]) -> SharedField:
     step = _step(inner, node, low, high)
     if re.fullmatch(DIRECTION, path):
         step = DIRECTION_STEP_DEG
+    if place := re.fullmatch(LED_PLACE, inner):
+        step = LED_STEPS[place["name"]]
     return SharedField(path, unit, node, low, high, step)
 
 

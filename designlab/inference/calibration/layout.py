@@ -19,7 +19,9 @@ from designlab.sensor.design import CHANNELS, Design
 STEP_DEG = 15.0  # between azimuths that are tried
 RISES_MM = (-3.0, 3.0)  # from the height drawn, tried where no azimuth fits at that height
 FITS = 0.1  # rest of the pictures, as a share of their mean, up to which azimuths alone fit
-FINE_DEG, FINE_MM = (0.0, -5.0, 5.0), (0.0, -1.5, 1.5)  # from the best place
+# To either side of the best place, then of the best of those. A search by derivatives that begins a
+# millimetre off can end there: an LED that rises past the edge of a core changes a picture by leaps.
+FINE_DEG_MM = ((5.0, 1.5), (2.5, 0.75))
 MOST_PLACES = 500_000  # of all groups together, which are compared at once
 COLUMNS, SAMPLES = 48, 24
 MOST_PRESSES = 3
@@ -127,7 +129,7 @@ def search_layout(
     raised = _raised(design, turns) if closely else []
     steps = {"trying azimuths": turns, "trying heights": raised}
     if closely:
-        steps["trying places near the best"] = _near()
+        steps["trying places near the best"] = [move for fine in FINE_DEG_MM for move in _near(fine)]
     work = Work(progress, {name: float(len(moves) * len(shots)) for name, moves in steps.items()})
     tried = _Tried(design, shots, seed, work)
     work.begin("trying azimuths")
@@ -147,10 +149,11 @@ def search_layout(
     there, left = [moves[place] for place in best], float(misfit[best])
     if closely:
         work.begin("trying places near the best")
-        near = [_near(move) for move in there]
-        fine = tried.misfits(tried.columns(near))
-        least = np.unravel_index(int(fine.argmin()), fine.shape)
-        there, left = [moves[place] for moves, place in zip(near, least, strict=True)], float(fine[least])
+    for fine in FINE_DEG_MM if closely else ():
+        near = [_near(fine, move) for move in there]
+        misfit = tried.misfits(tried.columns(near))
+        least = np.unravel_index(int(misfit.argmin()), misfit.shape)
+        there, left = [moves[place] for moves, place in zip(near, least, strict=True)], float(misfit[least])
     work.end()
     found = _moved(design, there)
     places = tuple(
@@ -248,8 +251,10 @@ def _raised(design: Design, turns: Sequence[Move]) -> list[Move]:
     return found if (len(turns) + len(found)) ** len(design.leds.groups) <= MOST_PLACES else []
 
 
-def _near(move: Move = (0.0, 0.0)) -> list[Move]:
-    return [(move[0] + turn, move[1] + rise) for turn, rise in product(FINE_DEG, FINE_MM)]
+def _near(fine: Move, move: Move = (0.0, 0.0)) -> list[Move]:
+    """A place and those so far to either side of it."""
+    ways = product((0, -1, 1), repeat=2)
+    return [(move[0] + turn * fine[0], move[1] + rise * fine[1]) for turn, rise in ways]
 
 
 def _height_mm(design: Design, group: int) -> float:

@@ -239,6 +239,17 @@ class TestFields:
         assert place.value == 41.05
 
     @pytest.mark.parametrize(
+        ("name", "step", "values"),
+        [("azimuth_deg.0", 3.0, (0.0, 330.0)), ("height_mm", 0.5, (3.0, 9.0)), ("tilt_deg", 2.0, (0.0, 9.0))],
+    )
+    def test_an_led_is_moved_as_far_wherever_it_stands(self, name, step, values):
+        path = f"leds.groups.1.{name}"
+        for value in values:
+            whole = [value] if name.endswith(".0") else value
+            (field,) = shared_fields(DESIGN.replace({path.removesuffix(".0"): whole}), [path])
+            assert (field.value, field.step) == (value, step)
+
+    @pytest.mark.parametrize(
         ("free", "named"),
         [
             (["contact.length"], "no field 'contact.length'"),
