@@ -15,6 +15,7 @@ from designlab.core.types import Array, Mask
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
 from designlab.reconstruction.kernel import GradientEstimate
 from designlab.reconstruction.markers import Markers, without
+from designlab.reconstruction.pictures import colour_change, level_of, noise_share, smoothing_for
 from designlab.sensor.design import Design
 from designlab.simulation import imaging
 from designlab.simulation.effects.model import SensorModel
@@ -29,6 +30,9 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 GROWN_MM = 0.5
 MOVED_SHARE = 0.02  # of the largest height: gel that is higher or lower than that has moved
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
+# Share of the change of colour in contacts, some two degrees, that noise of a pixel may have before pictures
+# are smoothed: the regression over balls averages less than that, and edges would lose more than they gain.
+NOISE_LEFT = 0.03
 # Of the near field: pixels of simulated presses differ from its model by some 3 %; most slopes are gentle.
 MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
 
@@ -116,7 +120,22 @@ class EvaluationProtocol:
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = each_of(lambda k: self.bare(self.picture(balls[k], 10 + k))[0], len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))
-        return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y)
+        shares = [self._noise_share(ball, 10 + number, background) for number, ball in enumerate(balls)]
+        return fit_kernel(
+            images,
+            background,
+            [p for p, _ in truths],
+            [q for _, q in truths],
+            x,
+            y,
+            smoothing_px=smoothing_for(shares, noise_left=NOISE_LEFT, grain=False),
+        )
+
+    def _noise_share(self, ball: Frame, number: int, background: Array) -> float:
+        """Noise of the camera in a picture of a ball, as a share of the change of colour in its contact."""
+        clean = reported(ball.mixed, self.capture(binned=_binned(ball)))
+        noise = (self.picture(ball, number) - clean) / level_of(background)
+        return noise_share(noise, colour_change(clean, background), ball.contact)
 
     def reconstruct(
         self, calibration: KernelCalibration, tests: Sequence[Frame], *, numbers: Sequence[int] | None = None

@@ -11,18 +11,23 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_surface import BallSurface
-from designlab.reconstruction.balls import BallPress, slopes_on_ball, smoothed
+from designlab.reconstruction.balls import BallPress, slopes_on_ball
 from designlab.reconstruction.gel_fit import GelFit, ball_slopes, fit_gel
 from designlab.reconstruction.height import Boundary, normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Samples
-from designlab.reconstruction.pictures import colour_change, level_of, thinned
+from designlab.reconstruction.pictures import (
+    colour_change,
+    level_of,
+    noise_share,
+    smoothed,
+    smoothing_for,
+    thinned,
+)
 
 _FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
-NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
-SMOOTHING_PX = 0.7, 2.0  # least, against grain between pixels, and most
 CURVATURE_DIGITS = 3  # of 1/mm, so that balls on a dome share what is computed of their surfaces
 USUAL_THICKNESS = 1.5  # radii of the ball
 LIFTED_ROUNDS = 3
@@ -375,24 +380,17 @@ def relative_change(image: Array, background: Array, setup: Setup, mask: Mask | 
     return smoothed((image - background) / level, setup.smoothing_px, mask)
 
 
-def smoothing_for(balls: Sequence[BallPress], background: Array) -> float:
-    """Gaussian smoothing (px) that leaves little of the pictures' noise, and blurs edges no more than that.
-
-    Noise is what differs from pixel to pixel, as a share of the change of colour in the contacts.
-    """
+def smoothing_by(balls: Sequence[BallPress], background: Array) -> float:
+    """Smoothing (px) by the noise of ball presses: what differs from pixel to pixel."""
     shares = []
     for ball in balls:
         change = colour_change(np.asarray(ball.image, dtype=float), background)
         # of second differences nothing smooth is left
         rough = (change[:, 2:] - 2 * change[:, 1:-1] + change[:, :-2]) / math.sqrt(6)
-        noise = 1.4826 * np.median(np.abs(rough), axis=(0, 1))
         rows, columns = np.indices(change.shape[:2])
         away = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
-        spread = np.sqrt((change[away < ball.contact_radius_px] ** 2).mean(axis=0))
-        shares.append(np.sqrt(((noise / np.maximum(spread, 1e-9)) ** 2).mean()))
-    # white noise falls to 1 / (2 sigma sqrt(pi)) of itself
-    least = float(np.median(shares)) / (2 * math.sqrt(math.pi) * NOISE_LEFT)
-    return float(np.clip(least, *SMOOTHING_PX))
+        shares.append(noise_share(rough, change, away < ball.contact_radius_px))
+    return smoothing_for(shares)
 
 
 def positions(shape: tuple[int, ...]) -> Array:

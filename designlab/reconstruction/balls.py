@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array, Mask
+from designlab.reconstruction.pictures import smoothed
 
 _SMOOTHING_PX = 2.0
 _DIRECTIONS = 72
@@ -118,17 +119,6 @@ def find_contact_circle(
         if shift < 0.01:
             break
     return ContactCircle((float(centre[0]), float(centre[1])), float(radius))
-
-
-def smoothed(values: Array, sigma_px: float, mask: Mask | None = None) -> Array:
-    """Gaussian smoothing over the pixels of the mask only, shape (rows, columns, channels)."""
-    sigma = (sigma_px, sigma_px, 0)
-    if mask is None:
-        return np.asarray(gaussian_filter(values, sigma, mode="nearest")) if sigma_px else values.copy()
-    share = gaussian_filter(mask.astype(float), max(sigma_px, 0.5), mode="nearest")[..., None]
-    sigma = (max(sigma_px, 0.5), max(sigma_px, 0.5), 0)
-    total = gaussian_filter(np.where(mask[..., None], values, 0.0), sigma, mode="nearest")
-    return np.asarray(np.where(share > 1e-3, total / np.maximum(share, 1e-3), 0.0))
 
 
 def _rim(strength: Array, centre: Array, reach_px: float) -> Array:

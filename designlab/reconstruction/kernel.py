@@ -11,7 +11,14 @@ from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.height import integrate, normals
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
-from designlab.reconstruction.pictures import centred, check_mask, checked_image, colour_change, thinned
+from designlab.reconstruction.pictures import (
+    centred,
+    check_mask,
+    checked_image,
+    colour_change,
+    smoothed,
+    thinned,
+)
 
 _RIDGES = (1e-3, 1e-4, 3e-5)
 _FEATURES_PER_PRESS, _MOST_FEATURES = 34, 500  # more presses show more detail
@@ -56,6 +63,8 @@ class KernelCalibration:
         The regression chosen.
     error_deg : float
         Mean angle between estimated and true normals on presses that were left out of the fit in turn.
+    smoothing_px : float
+        Standard deviation of the Gaussian that pictures are smoothed with.
     """
 
     background: Array
@@ -63,6 +72,7 @@ class KernelCalibration:
     spread: Array
     kernel: Kernel
     error_deg: float
+    smoothing_px: float
     _weights: Array
     _at_rest: Array
 
@@ -97,7 +107,8 @@ class KernelCalibration:
         image = checked_image(image, self.background.shape, "image")
         rows, columns, channels = self.background.shape
         check_mask(mask, (rows, columns))
-        signal = colour_change(image, self.background).reshape(-1, channels) / self.spread
+        change = smoothed(colour_change(image, self.background), self.smoothing_px)
+        signal = change.reshape(-1, channels) / self.spread
         found = _sums(self.kernel, self._weights, signal, self.position) - self._at_rest
         p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)
         weights = np.exp(-found[:, 2]).reshape(rows, columns)
@@ -112,6 +123,8 @@ def fit_kernel(
     gradients_q: Sequence[ArrayLike],
     x_mm: ArrayLike,
     y_mm: ArrayLike,
+    *,
+    smoothing_px: float = 0.0,
 ) -> KernelCalibration:
     """Calibrate on presses of known shape.
 
@@ -128,6 +141,9 @@ def fit_kernel(
         True gradients dz/dx and dz/dy of the indentation above the undeformed membrane.
     x_mm, y_mm : array, shape (rows, columns)
         Membrane point that each pixel sees (mm).
+    smoothing_px : float
+        Standard deviation of the Gaussian that pictures are smoothed with, against noise. True slopes are
+        smoothed alike, since colours follow slopes.
 
     Raises
     ------
@@ -148,7 +164,8 @@ def fit_kernel(
     presses, sloping = [], []
     for number, (image, p, q) in enumerate(zip(images, gradients_p, gradients_q, strict=True)):
         change = colour_change(checked_image(image, background.shape, f"images[{number}]"), background)
-        slope = _slope_vectors(p, q, background.shape)
+        change = smoothed(change, smoothing_px)
+        slope = _slope_vectors(p, q, background.shape, smoothing_px)
         steepness = np.hypot(*slope.T)
         flat = steepness <= _FLAT * steepness.max()
         steep = thinned(np.flatnonzero(~flat), _SLOPING_PIXELS)
@@ -173,7 +190,7 @@ def fit_kernel(
         [p._replace(slope=np.concatenate([p.slope, e], axis=1)) for p, e in zip(presses, errors, strict=True)]
     )
     at_rest = _sums(kernel, weights, np.zeros((len(position), background.shape[-1])), position)
-    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest)
+    return KernelCalibration(background, position, spread, kernel, error_deg, smoothing_px, weights, at_rest)
 
 
 def _sums(kernel: Kernel, weights: Array, signal: Array, position: Array) -> Array:
@@ -183,12 +200,13 @@ def _sums(kernel: Kernel, weights: Array, signal: Array, position: Array) -> Arr
     return np.concatenate([kernel.waves(signal[c], position[c]) @ single for c in chunks]).astype(float)
 
 
-def _slope_vectors(p: ArrayLike, q: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _slope_vectors(p: ArrayLike, q: ArrayLike, shape: tuple[int, ...], smoothing_px: float) -> Array:
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
     if p.shape != shape[:2] or q.shape != shape[:2] or not (np.isfinite(p) & np.isfinite(q)).all():
         raise ValueError(f"gradients_p, gradients_q: must be finite of shape {shape[:2]}, got {p.shape}")
     if not (p.any() or q.any()):
         raise ValueError("gradients_p, gradients_q: each press must slope somewhere")
+    p, q = np.moveaxis(smoothed(np.stack([p, q], axis=-1), smoothing_px), -1, 0)
     return np.asarray(-normals(p, q)[..., :2].reshape(-1, 2))
 
 

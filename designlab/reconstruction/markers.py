@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, find_objects, gaussian_filter, grey_c
 from scipy.spatial import cKDTree
 
 from designlab.core.types import Array, Mask
-from designlab.reconstruction.balls import smoothed
+from designlab.reconstruction.pictures import smoothed
 
 LARGEST_SHARE = 0.1  # diameter of a dot over the picture's width
 DARKER = 0.25  # than the gel around, from which a pixel may belong to a dot

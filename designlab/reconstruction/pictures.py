@@ -1,12 +1,18 @@
 """Pictures of presses made ready for a calibration: checked, set against the untouched gel, thinned."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array, Mask
 
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
+NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
+SMOOTHING_PX = 0.7, 2.0  # least, against grain between pixels, and most
 
 
 def colour_change(image: Array, background: Array) -> Array:
@@ -17,6 +23,55 @@ def colour_change(image: Array, background: Array) -> Array:
 def level_of(background: Array) -> Array:
     """What a change of colour is a share of: the untouched gel, but for its darkest corners."""
     return np.asarray(np.maximum(background, _DARKEST * background.mean(axis=(0, 1))))
+
+
+def smoothed(values: Array, sigma_px: float, mask: Mask | None = None) -> Array:
+    """Gaussian smoothing over the pixels of the mask only, shape (rows, columns, channels)."""
+    sigma = (sigma_px, sigma_px, 0)
+    if mask is None:
+        return np.asarray(gaussian_filter(values, sigma, mode="nearest")) if sigma_px else values.copy()
+    share = gaussian_filter(mask.astype(float), max(sigma_px, 0.5), mode="nearest")[..., None]
+    sigma = (max(sigma_px, 0.5), max(sigma_px, 0.5), 0)
+    total = gaussian_filter(np.where(mask[..., None], values, 0.0), sigma, mode="nearest")
+    return np.asarray(np.where(share > 1e-3, total / np.maximum(share, 1e-3), 0.0))
+
+
+def smoothing_for(shares: Sequence[float], *, noise_left: float = NOISE_LEFT, grain: bool = True) -> float:
+    """Gaussian smoothing (px) that leaves little of the pictures' noise, and blurs edges no more than that.
+
+    Parameters
+    ----------
+    shares : sequence of float
+        `noise_share` of each calibration press.
+    noise_left : float
+        What may be left of it.
+    grain : bool
+        Whether pictures have grain between pixels beside their noise, as those of real sensors do, and are
+        smoothed a little at least.
+    """
+    least, most = SMOOTHING_PX
+    # white noise falls to 1 / (2 sigma sqrt(pi)) of itself
+    needed = float(np.median(shares)) / (2 * math.sqrt(math.pi) * noise_left)
+    return min(max(needed, least), most) if grain or needed > least else 0.0
+
+
+def noise_share(noise: Array, change: Array, contact: Mask) -> float:
+    """Noise of a pixel as a share of the change of colour in a contact, over all channels.
+
+    Parameters
+    ----------
+    noise : array, shape (rows, columns, channels)
+        What is noise of the change of colour; few pixels that differ more do not count.
+    change : array, same shape
+        Change of colour.
+    contact : bool array, shape (rows, columns)
+        Where the probe touches; 0 is told where it touches nowhere.
+    """
+    if not contact.any():
+        return 0.0
+    spread = np.sqrt((change[contact] ** 2).mean(axis=0))
+    usual = 1.4826 * np.median(np.abs(noise), axis=(0, 1))
+    return float(np.sqrt(((usual / np.maximum(spread, 1e-9)) ** 2).mean()))
 
 
 def thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:

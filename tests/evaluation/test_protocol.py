@@ -65,3 +65,34 @@ def test_a_bulge_at_the_border_is_no_error_of_height_and_counts_as_moved():
         moved = protocol.Reconstruction(frame, *[None] * 6).moved
         assert moved[0, 0] == bulge
         assert moved[30, 40]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("full_well_e", "smoothed_px"), [(200_000, (0.0, 0.0)), (15_000, (0.71, 1.99)), (500, (2.0, 2.0))]
+)
+def test_pictures_are_smoothed_where_noise_of_the_camera_demands_it(full_well_e, smoothed_px):
+    rows, columns = np.indices((60, 80))
+    x, y = (columns - 39.5) * 0.1, (29.5 - rows) * 0.1
+    rays = SimpleNamespace(x_mm=x, y_mm=y, binned=1.0)
+    design = FLAT.replace({"camera.full_well_e": full_well_e, "camera.read_noise_e": 0.0})
+    taken = protocol.EvaluationProtocol(design, 1.0, seed=3)
+    toward = np.array([[0.7, -0.4, -0.3], [0.0, 0.6, -0.6]])
+
+    def frame(at):
+        apart = np.stack([x - at[0], y - at[1]])
+        inside = np.hypot(*apart) < 1.2
+        slopes = np.where(inside, -apart / 3.0, 0.0)
+        light = 0.4 * (1.0 - np.einsum("kij,kc->ijc", slopes, toward))
+        return SimpleNamespace(mixed=light, rays=rays, gradient=tuple(slopes), contact=inside)
+
+    untouched = SimpleNamespace(mixed=np.full((60, 80, 3), 0.4), rays=rays)
+    balls = [frame((a, b)) for a in (-1.5, 1.5) for b in (-1.0, 1.0)]
+    found = taken.calibrate(untouched, untouched, balls).smoothing_px
+    low, high = smoothed_px
+    assert low <= found <= high
+    # Poisson noise of the light, as a share of the change of colour on slopes of at most 0.4
+    change = 1.0 - frame((0.0, 0.0)).mixed[frame((0.0, 0.0)).contact] / 0.4
+    share = np.sqrt(0.4 / full_well_e) / 0.4 / np.sqrt((change**2).mean(axis=0))
+    needed = np.sqrt((share**2).mean()) / (2 * np.sqrt(np.pi) * protocol.NOISE_LEFT)
+    assert found == pytest.approx(0.0 if needed < 0.7 else min(needed, 2.0), rel=0.1)

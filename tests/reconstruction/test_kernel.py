@@ -18,10 +18,10 @@ TOWARD = np.stack(
 )
 
 
-def picture(p, q, seed=0):
+def picture(p, q, seed=0, noise=0.002):
     """Lambert's law for three lights, dark where a slope turns away from one (attached shadow)."""
     light = LEVEL * np.maximum(normals(p, q) @ TOWARD, 0)
-    return light + 0.002 * np.random.default_rng(seed).standard_normal(light.shape)
+    return light + noise * np.random.default_rng(seed).standard_normal(light.shape)
 
 
 def cap(centre_px, contact_px):
@@ -54,6 +54,20 @@ def test_a_cap_at_a_new_place_is_recovered(calibration):
     assert error[height > 0].mean() < 1.5
     assert error[height == 0].mean() < 0.5
     assert np.abs(found.height_mm(pitch_mm=PITCH_MM) - height)[height > 0].mean() < 0.02
+
+
+@pytest.mark.slow
+def test_noisy_pictures_are_read_better_when_they_are_smoothed():
+    noise = 0.1  # 17 % of the light
+    images = [picture(p, q, seed=k, noise=noise) for k, (_, p, q) in enumerate(CAPS)]
+    slopes = [p for _, p, _ in CAPS], [q for *_, q in CAPS]
+    height, p, q = cap((45, 60), 13.0)
+    inner = height > 0.5 * height.max()
+    seen, errors = picture(p, q, seed=50, noise=noise), []
+    for smoothing_px in (0.0, 2.0):
+        found = fit_kernel(images, BACKGROUND, *slopes, X_MM, Y_MM, smoothing_px=smoothing_px).estimate(seen)
+        errors.append(normal_error_deg(normals(found.p, found.q), normals(p, q))[inner].mean())
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_the_left_out_error_foretells_that_of_new_presses(calibration):

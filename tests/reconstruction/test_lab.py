@@ -7,7 +7,7 @@ from rival_methods import LookupTable, Perceptron
 from designlab.core.images import read_image
 from designlab.core.metrics import normal_error_deg
 from designlab.reconstruction import gradients_of, integrate, lab, normals
-from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, smoothing_for
+from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, smoothing_by
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.gel_fit import ball_slopes
@@ -199,7 +199,7 @@ def test_slopes_on_a_dome_are_relative_to_it():
 )
 def test_noisier_pictures_are_smoothed_more(noise, least, most):
     balls = [press(centre, noise=noise, seed=seed) for seed, centre in enumerate(CENTRES[:4])]
-    assert least <= smoothing_for(balls, BACKGROUND) <= most
+    assert least <= smoothing_by(balls, BACKGROUND) <= most
 
 
 @pytest.mark.parametrize("centre", [(12, 60), (127, 14), (70, 107), (16, 16)])

@@ -11,7 +11,7 @@ from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.ball_set import ENOUGH, BallSet
 from designlab.inference.calibration.verdict import FitVerdict
-from designlab.reconstruction.ball_samples import Setup, known_gel, smoothing_for
+from designlab.reconstruction.ball_samples import Setup, known_gel, smoothing_by
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.drift import Untouched, drift_between
@@ -130,7 +130,7 @@ def calibrate_balls(
     work.begin("balls left out")
     ways: list[tuple[Setup, Method]] = []
     if method is None:
-        smoothing_px = smoothing_for(known, balls.background)
+        smoothing_px = smoothing_by(known, balls.background)
         detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
         by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
         ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]

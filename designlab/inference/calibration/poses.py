@@ -18,7 +18,8 @@ from designlab.measurement.frames import PoseSigma, alike
 from designlab.measurement.shots import ROUND, Shot, observe
 from designlab.measurement.sizes import check_leds, check_size
 from designlab.mechanics.contact import NotConverged
-from designlab.reconstruction.balls import find_contact_circle, smoothed
+from designlab.reconstruction.balls import find_contact_circle
+from designlab.reconstruction.pictures import smoothed
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.viewing_rays import rays
