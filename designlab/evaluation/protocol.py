@@ -116,7 +116,7 @@ class EvaluationProtocol:
 
     def calibrate(self, untouched: Frame, again: Frame, balls: Sequence[Frame]) -> KernelCalibration:
         """Calibrate on the balls."""
-        background = self.background(untouched, again)
+        background = np.asarray(self.background(untouched, again), dtype=float)
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = each_of(lambda k: self.bare(self.picture(balls[k], 10 + k))[0], len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))
@@ -133,7 +133,7 @@ class EvaluationProtocol:
 
     def _noise_share(self, ball: Frame, number: int, background: Array) -> float:
         """Noise of the camera in a picture of a ball, as a share of the change of colour in its contact."""
-        clean = reported(ball.mixed, self.capture(binned=_binned(ball)))
+        clean = np.asarray(reported(ball.mixed, self.capture(binned=_binned(ball))), dtype=float)
         noise = (self.picture(ball, number) - clean) / level_of(background)
         return noise_share(noise, colour_change(clean, background), ball.contact)
 
