@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
+class Superseded(Exception):
+    """Something newer is asked for: what is under way is given up."""
+
+
 @dataclass
 class Task:
     """Something to be done, in steps.

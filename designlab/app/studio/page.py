@@ -83,9 +83,7 @@ class Page:
     def ask(self, lane: str, job: Any, answer: Answer, *, priority: int = 0) -> int:
         """Ask the worker; `answer` gets each step. An older request of the lane is forgotten."""
         self._lanes[lane] = answer
-        return self._worker.ask(
-            self.client.id, lane, job, digest=self.session.design.digest, priority=priority
-        )
+        return self._worker.ask(self.client.id, lane, job, digest=self.session.digest, priority=priority)
 
     def receive(self, reply: Reply) -> None:
         """Take an answer of the worker."""

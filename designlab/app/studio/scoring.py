@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from designlab.app.studio.newest import Superseded
 from designlab.evaluation.evaluate import Score, evaluate
 from designlab.evaluation.paired_comparison import differences
 from designlab.report.page import rounded
@@ -11,10 +12,6 @@ from designlab.report.yardsticks import judged
 from designlab.sensor.design import Design
 
 FIDELITY, SEED = "fast", 0
-
-
-class Superseded(Exception):
-    """Something newer is asked for."""
 
 
 class ScoreRow(NamedTuple):

@@ -1,13 +1,13 @@
 """What one tab of the studio has on its bench: a design with its changes, a press, what was before, a pin."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from designlab.app.studio.controls import Control, parts
+from designlab.app.studio.controls import Control, Part, parts
 from designlab.app.studio.structure import (
     BESIDE,
     replacements,
@@ -27,6 +27,8 @@ DEPTHS_MM = (0.02, 5.0)  # ends that the wheel stays within
 FORCES_N = (0.01, 100.0)
 CHANGES_MOST = 400  # fields that an address may change
 PRESS = "press"
+
+Told = TypeVar("Told")
 
 
 class NotAllowed(ValueError):
@@ -113,14 +115,30 @@ class Session:
     _past: list[State] = field(default_factory=list)
     _future: list[State] = field(default_factory=list)
     _last: str = ""
+    _told: tuple[Design | None, dict[str, Any]] = (None, {})  # of a design, so that nothing is made twice
 
     def __post_init__(self) -> None:
         self.design = self._made(self.edits)
         self.press = usual_press(self.design)
 
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Every control of the design by part."""
+        return self._once("parts", parts)
+
+    @property
+    def broken(self) -> dict[str, float]:
+        """Rules that the design breaks, with their margins (mm)."""
+        return self._once("broken", Design.broken)
+
+    @property
+    def digest(self) -> str:
+        """Digest of the design."""
+        return self._once("digest", lambda design: design.digest)
+
     def controls(self) -> dict[str, Control]:
         """Every control by path."""
-        return {control.path: control for part in parts(self.design) for control in part.controls}
+        return {control.path: control for part in self.parts for control in part.controls}
 
     def change(self, path: str, value: Any, *, going_on: bool = False) -> None:
         """Set a field of the design.
@@ -279,6 +297,15 @@ class Session:
         self.edits, self.design = edits, design
         if self.press.force_n is not None and not isinstance(design.contact, LayerContact):
             self.press = usual_press(design)
+
+    def _once(self, what: str, make: Callable[[Design], Told]) -> Told:
+        if self._told[0] is not self.design:
+            self._told = self.design, {}
+        told = self._told[1]
+        if what not in told:
+            told[what] = make(self.design)
+        found: Told = told[what]
+        return found
 
     def _made(self, edits: Mapping[str, Any]) -> Design:
         # A copy: values within values are set in place.

@@ -24,7 +24,7 @@ from designlab.app.studio.messages import (
     StudyJob,
     UploadJob,
 )
-from designlab.app.studio.newest import NewestQueue, Task
+from designlab.app.studio.newest import NewestQueue, Superseded, Task
 
 FORGET = "forget"
 """Message with the name of a tab that was closed."""
@@ -75,8 +75,6 @@ def _belongs(key: Any, *, client: str) -> bool:
 
 def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers: "Handlers") -> None:
     """Do one step of a task and tell; the task goes back into the queue unless it is done."""
-    from designlab.app.studio.scoring import Superseded
-
     request: Request = task.work
     try:
         if task.state is None:
@@ -122,7 +120,7 @@ class Handlers:
         """Steps of the answer to a job."""
         match job:
             case PictureJob():
-                return self._pictures(job)
+                return self._pictures(job, waits)
             case ScoreJob():
                 return self._scores(job, waits)
             case ModelJob():
@@ -146,10 +144,10 @@ class Handlers:
             self._bench = Bench()
         return self._bench
 
-    def _pictures(self, job: PictureJob) -> Steps:
+    def _pictures(self, job: PictureJob, waits: Waits) -> Steps:
         from designlab.app.studio.pictures import steps
 
-        yield from steps(self.bench, job)
+        yield from steps(self.bench, job, waits)
 
     def _scores(self, job: ScoreJob, waits: Waits) -> Steps:
         from designlab.app.studio.scoring import scored

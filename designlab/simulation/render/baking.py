@@ -1,6 +1,6 @@
 """Tracing of light fields, once per design."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -44,6 +44,7 @@ def bake(
     photons: int,
     seeds: Sequence[int],
     like: Scene | None = None,
+    between: Callable[[], None] = lambda: None,
 ) -> list[LightField]:
     """Trace independent light fields of an undeformed scene, every LED group at unit flux.
 
@@ -63,6 +64,8 @@ def bake(
     like : Scene, optional
         Scene with as many LEDs, the scene itself when absent, for which starts of photons are chosen: light
         fields chosen alike share their random numbers, so that their difference has little noise.
+    between : callable
+        Called before each field of each group; it may raise to give up.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def bake(
         raise ValueError(
             f"like: must have as many LEDs in every group, got {len(like.lights)} and {len(scene.lights)}"
         )
-    groups = [_baked(scene, group, area_mm, photons, seeds, like) for group in range(scene.groups)]
+    groups = [_baked(scene, group, area_mm, photons, seeds, like, between) for group in range(scene.groups)]
     tables = groups[0][0][1]
     filled = (
         share_filled(scene, tables.low, CELL_MM, tables.coarse),
@@ -99,6 +102,7 @@ def _baked(
     photons: int,
     seeds: Sequence[int],
     like: Scene | None,
+    between: Callable[[], None],
 ) -> list[tuple["_Tables", "_Tables", Single, Array | None]]:
     """Light of one group that arrives first, all that arrives later, and the photons that arrive first.
 
@@ -138,6 +142,7 @@ def _baked(
     share = AGAIN_SHARE if scene.refracts else AGAIN_IN_AIR
     gathered: list[Array | None] = [None] * len(seeds)
     for number, (seed, (first, again, lot)) in enumerate(zip(seeds, tables, strict=True)):
+        between()
 
         def later(arrival: tracing.Arrival, active: Any, *, again: "_Tables" = again) -> None:
             again.add(arrival, active & is_again(arrival), lands=scene.refracts | ~arrival.matte)

@@ -34,10 +34,13 @@ class RenderSession:
     ----------
     least_written : int
         Samples from which light fields are written: who bakes many drafts would fill the cache with them.
+    between : callable
+        Called time and again while a light field is baked; it may raise to give up, and nothing is kept then.
     """
 
     def __init__(self) -> None:
         self.least_written = 0
+        self.between: Callable[[], None] = lambda: None
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
         self._written: dict[str, Future[None]] = {}
         self._fields: dict[str, list[LightField]] = {}
@@ -107,7 +110,9 @@ class RenderSession:
                 return lightfield.unpacked(stored)
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             seeds = (2 * seed, 2 * seed + 1)
-            halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds, like=like)
+            halves = baking.bake(
+                scene, area_mm=area_mm, photons=photons, seeds=seeds, like=like, between=self.between
+            )
             if samples >= self.least_written:
                 # Presses are shaded meanwhile.
                 folder = store.cache_dir() / "arrays"

@@ -1,5 +1,6 @@
 """Every view in two sizes and both themes: nothing overlaps, is clipped, pale, nameless or out of reach."""
 
+import base64
 import os
 from pathlib import Path
 
@@ -79,7 +80,13 @@ def test_every_view_can_be_read_and_reached(tab, studio):
     tab.wait_for_function(FULL, timeout=PICTURE_MS)
     tab.get_by_text("fidelity fast").wait_for(timeout=PICTURE_MS)
     faults += audited(tab, "design")
-    tab.locator("#picture-now").screenshot(path=studio.folder / "press.png")
+    picture = base64.b64decode(tab.get_attribute("#picture-now", "src").partition(",")[2])
+    view(tab, "Reconstruct")
+    dropped = {"name": "press.png", "mimeType": "image/png", "buffer": picture}
+    tab.locator("#drop-picture input[type=file]").set_input_files(dropped)
+    tab.locator("#upload-state").filter(has_text="depth 0.").wait_for(timeout=PICTURE_MS)
+    faults += audited(tab, "reconstruct")
+    view(tab, "Design")
     tab.click("#pin")
     tab.get_by_text("LED group red").click()
     entry = tab.locator('[data-path="leds.radius_mm"] input').last

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
+from designlab.app.studio.newest import Superseded
 from designlab.app.studio.pictures import Bench, steps
 from designlab.app.studio.session import Session
 from designlab.sensor.design import preset
@@ -65,6 +66,26 @@ def test_what_is_only_mixed_is_not_rendered_again(bench, monkeypatch, path, valu
     first = next(steps(bench, PictureJob(session.design, session.press)))
     assert first.step == "full light"
     assert (pixels(first) != pixels(before)).any()
+
+
+def test_better_light_is_given_up_for_what_comes_first_and_made_later(bench):
+    session = Session("mine", preset("default").replace({"leds.height_mm": 6.5}))
+    job, asked = PictureJob(session.design, session.press), []
+
+    def waits():
+        asked.append(True)
+        return len(asked) > 2  # in the midst of the first light that is baked better
+
+    coming = steps(bench, job, waits)
+    first = [step for step in (next(coming) for _ in range(5)) if isinstance(step, Picture)]
+    assert [step.step for step in first] == ["coarse, light 1 of 2", "light 1 of 2"]
+    assert asked == []  # first pictures are made whatever comes
+    with pytest.raises(Superseded):
+        list(coming)
+    assert len(asked) == 3
+    again = [step.step for step in steps(bench, job) if isinstance(step, Picture)]
+    assert again == ["light 1 of 2", "full light"]
+    assert SESSION.between() is None
 
 
 @pytest.mark.parametrize("centre", [(60.0, 0.0), (0.0, -80.0), (45.0, 45.0)])

@@ -48,7 +48,7 @@ class DesignView:
                 ui.label("Design").classes("heading").props('role="heading" aria-level="2"')
                 self._knob_box = ui.element("div")
                 with self._knob_box:
-                    self._knobs = Knobs(page.session.design, self._turned, self._parts_changed)
+                    self._knobs = Knobs(page.session, self._turned, self._parts_changed)
             with ui.element("div").classes("middle"):
                 self._stage = Stage(self._moded)
             with ui.element("div").classes("right"):
@@ -72,7 +72,7 @@ class DesignView:
         """Show a session that was begun anew."""
         self._knob_box.clear()
         with self._knob_box:
-            self._knobs = Knobs(self._page.session.design, self._turned, self._parts_changed)
+            self._knobs = Knobs(self._page.session, self._turned, self._parts_changed)
         call(self._page.client, "forget", "pinned")
         self._begun = True
         self._changed()
@@ -182,14 +182,14 @@ class DesignView:
         session = self._page.session
         self._turned_at = time.monotonic()
         self._ask_picture()  # first: it is made while the rest is shown
-        self._knobs.update(session.design)
+        self._knobs.update(session)
         self._press.update(session.press)
-        self._banner.set_text(fields_wrong(session.design.broken()))
+        self._banner.set_text(fields_wrong(session.broken))
         self._banner.set_visibility(bool(self._banner.text))
         self._page.changed()
         self._show_scores()
         self._mark()
-        if self._followed != session.design.digest:
+        if self._followed != session.digest:
             self._sensor.outdated()
 
     @property
@@ -203,7 +203,7 @@ class DesignView:
     def _ask_picture(self) -> None:
         session = self._page.session
         number = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
-        call(self._page.client, "expect", session.design.digest, number)
+        call(self._page.client, "expect", session.digest, number)
 
     def _ask_pinned(self) -> None:
         session = self._page.session
@@ -214,7 +214,7 @@ class DesignView:
 
     def _picture(self, reply: Reply) -> None:
         session = self._page.session
-        if reply.digest != session.design.digest:
+        if reply.digest != session.digest:
             return  # made for a design that is no longer shown
         if reply.error:
             self._banner.set_text(reply.error)
@@ -261,9 +261,9 @@ class DesignView:
             return
         self._page.remember()
         session = self._page.session
-        if self._followed == session.design.digest:
+        if self._followed == session.digest:
             return
-        self._followed = session.design.digest
+        self._followed = session.digest
         self._ask_model()
         self._ask_scores()
 
@@ -275,30 +275,30 @@ class DesignView:
 
     def _ask_scores(self) -> None:
         session = self._page.session
-        if session.design.digest in self._scores:
+        if session.digest in self._scores:
             return
-        if not session.design.broken():
+        if not session.broken:
             self._unscored = ""
             self._page.ask(SCORES, ScoreJob(session.design), self._scored, priority=SCORE_PRIORITY)
         self._table.say(self._why_unscored())
 
     def _why_unscored(self) -> str:
         """Why the present design has no scores yet."""
-        design = self._page.session.design
-        if design.broken():
+        session = self._page.session
+        if session.broken:
             return "No scores: the design breaks a rule."
-        if self._followed == design.digest:
+        if self._followed == session.digest:
             return self._unscored or "scoring; this takes some seconds"
         return "scores follow when the knobs rest"
 
     def _model(self, reply: Reply) -> None:
-        if reply.error and reply.digest == self._page.session.design.digest:
+        if reply.error and reply.digest == self._page.session.digest:
             self._sensor.say(f"No drawing: {reply.error}")
-        if reply.digest == self._page.session.design.digest and isinstance(reply.content, bytes):
+        if reply.digest == self._page.session.digest and isinstance(reply.content, bytes):
             self._sensor.show(reply.content, self._page.session.design.housing.top_mm)
 
     def _scored(self, reply: Reply) -> None:
-        if reply.error and reply.digest == self._page.session.design.digest:
+        if reply.error and reply.digest == self._page.session.digest:
             self._unscored = f"No scores: {reply.error}"
             self._table.say(self._unscored)
         if isinstance(reply.content, Score):
@@ -318,7 +318,7 @@ class DesignView:
 
     def _show_scores(self) -> None:
         session = self._page.session
-        score = self._scores.get(session.design.digest)
+        score = self._scores.get(session.digest)
         if score is None:
             self._table.say(self._why_unscored())
             return

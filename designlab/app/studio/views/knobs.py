@@ -6,10 +6,10 @@ from typing import Any, Literal
 
 from nicegui import ui
 
-from designlab.app.studio.controls import OPEN, Control, Part, numbers_text, parts, read_numbers, slider_range
+from designlab.app.studio.controls import OPEN, Control, Part, numbers_text, read_numbers, slider_range
 from designlab.app.studio.rule_fields import RULE_FIELDS
+from designlab.app.studio.session import Session
 from designlab.app.studio.structure import MIRROR
-from designlab.sensor.design import Design
 from designlab.sensor.feasibility import RULES
 
 OFF = "off"
@@ -27,27 +27,27 @@ class Knobs:
 
     Parameters
     ----------
-    design : Design
-        The design.
+    session : Session
+        The design with its controls.
     turned : callable
         Told of every turn.
     changed : callable
         Told what shall be added or taken away.
     """
 
-    def __init__(self, design: Design, turned: Turned, changed: Changed) -> None:
+    def __init__(self, session: Session, turned: Turned, changed: Changed) -> None:
         self._turned, self._changed = turned, changed
-        self._start = {c.path: c.value for part in parts(design) for c in part.controls}
+        self._start = {path: control.value for path, control in session.controls().items()}
         self._rows: dict[str, Row] = {}
         self._boxes: dict[str, ui.expansion] = {}
         self._open = {FIRST_OPEN}
         self._column = ui.column().classes("knobs")
         self._shape: list[tuple[str, tuple[str, ...]]] = []
-        self.update(design)
+        self.update(session)
 
-    def update(self, design: Design) -> None:
+    def update(self, session: Session) -> None:
         """Show a design: values, and the rules that it breaks."""
-        found = parts(design)
+        found = session.parts
         shape = [(part.title, tuple(c.path for c in part.controls)) for part in found]
         if shape != self._shape:
             self._shape = shape
@@ -56,7 +56,7 @@ class Knobs:
             for control in part.controls:
                 if (row := self._rows.get(control.path)) is not None:
                     row.update(control)
-        self._tell(design, found)
+        self._tell(session.broken, found)
 
     def _build(self, found: tuple[Part, ...]) -> None:
         self._rows.clear()
@@ -114,9 +114,8 @@ class Knobs:
         """Open a part, also one that is there only after the next update."""
         self._open.add(key)
 
-    def _tell(self, design: Design, found: tuple[Part, ...]) -> None:
+    def _tell(self, broken: Mapping[str, float], found: tuple[Part, ...]) -> None:
         """Write the margin of each broken rule beside the first of its fields, and mark its part."""
-        broken = design.broken()
         there = {control.path for part in found for control in part.controls}
         told: dict[str, list[str]] = {}
         for rule, margin in broken.items():
