@@ -40,7 +40,7 @@ def calibrate(args: Namespace) -> Result:
         raise ValueError("calibrate: needs MEASUREMENT and --model MODEL, or --balls FOLDER")
     from designlab.core.store import atomic_folder, write_atomic, write_json
     from designlab.inference.calibration import calibrate as fit
-    from designlab.inference.calibration.layout import layout_words
+    from designlab.inference.calibration.layout import as_searched, layout_words
     from designlab.inference.calibration.verdict import fit_verdict
     from designlab.measurement import load_measurement
     from designlab.report.calibration import calibration_report
@@ -64,6 +64,8 @@ def calibrate(args: Namespace) -> Result:
             drawn=drawn,
             progress=progress,
         )
+    if drawn is not None:
+        found = as_searched(found, model.design)
     out, verdict = Path(args.out), fit_verdict(found)
     data = found.to_json() | {"fit_verdict": verdict.word, "reasons": list(verdict.reasons)}
     with atomic_folder(out, replace=True) as folder:

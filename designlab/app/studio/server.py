@@ -117,7 +117,7 @@ def serve(opened: Opened, *, host: str = LOCAL, port: int = 0) -> str:
         application(Studio(opened), token),
         log_level="warning",
         ws="websockets-sansio",
-        ws_per_message_deflate=False,  # pictures are packed already: packing them again takes longer than sending
+        ws_per_message_deflate=False,  # pictures are packed already, and sent faster than packed again
         timeout_graceful_shutdown=2,
     )
     server = uvicorn.Server(config)

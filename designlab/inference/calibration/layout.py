@@ -1,13 +1,17 @@
 """Where the LED groups of a sensor shine from, by its pictures: places are tried, the best is refined."""
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
+from designlab.core.fields import field_at
 from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Progress
+from designlab.inference.calibration.fields import LED_PLACE, LED_STEPS
 from designlab.inference.calibration.imaging import Rendered
 from designlab.inference.calibration.poses import posed
 from designlab.inference.calibration.result import Calibration, FittedParameter
@@ -29,10 +33,17 @@ FEWEST_BUILDABLE = 6  # azimuths; where fewer can be built, all are tried
 MOST_GROUPS = 4  # whose azimuths are tried together
 STRANGE = 4.0  # by which a misfit counts for more with each group that is not the strongest of its channel
 CLEAR = 2.0  # light of a group over that of any other in a channel by the design, from which it is its own
+TWO_SIDED = 1.96  # standard errors to the end of a 95 % interval
 TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
 # Interval to either side beyond which a value is not told.
 TOLD = {("height_mm", "height", "mm"): 1.0, ("tilt_deg", "tilt", "deg"): 5.0}
 MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
+# Half an interval, at least, of what a fit left where it began: half a step of the search or of the derivatives.
+LEFT = {
+    "azimuth_deg": FINE_DEG_MM[-1][0] / 2,
+    "height_mm": FINE_DEG_MM[-1][1] / 2,
+    "tilt_deg": LED_STEPS["tilt_deg"] / 2,
+}
 
 
 Move = tuple[float, float]
@@ -181,6 +192,28 @@ def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
     return design.replace(changes), tuple(paths)
 
 
+def as_searched(found: Calibration, start: Design) -> Calibration:
+    """Widen intervals of places that a fit left where the search had put them.
+
+    Such a value is told by the search alone: derivatives through noisy light did not move it, and what they
+    say of its error is worth little.
+
+    Parameters
+    ----------
+    found : Calibration
+        A calibration whose `layout_fields` were free.
+    start : Design
+        Where it began.
+    """
+    parameters = []
+    for parameter in found.parameters:
+        place = re.fullmatch(LED_PLACE, parameter.name)
+        if place and parameter.se is not None and parameter.value == field_at(start, parameter.name).value:
+            parameter = replace(parameter, se=max(parameter.se, LEFT[place["name"]] / TWO_SIDED))
+        parameters.append(parameter)
+    return replace(found, parameters=tuple(parameters))
+
+
 def layout_words(found: Calibration, drawn: Design, verdict: FitWord = "good") -> list[str]:
     """Sentences about where the groups stand, by a calibration whose `layout_fields` were free.
 
@@ -209,7 +242,7 @@ def layout_words(found: Calibration, drawn: Design, verdict: FitWord = "good") -
             told.append(f"LED group {group.name}: these pictures do not tell its azimuth")
             continue
         away = (value - group.azimuth_deg[0] + 180.0) % 360.0 - 180.0
-        place = f"LED group {group.name} shines from {value:.0f} ± {1.96 * azimuth.se:.1f} deg"
+        place = f"LED group {group.name} shines from {value:.0f} ± {TWO_SIDED * azimuth.se:.1f} deg"
         drawn_at = f"drawn at {group.azimuth_deg[0]:g} deg"
         told.append(f"{place}, {drawn_at}" if abs(away) > MOVED_DEG else f"{place}, as drawn")
         told += _others(parameters, number, group.name)
@@ -226,7 +259,7 @@ def _others(parameters: dict[str, FittedParameter], number: int, name: str) -> l
         if parameter.se is None:
             found.append(f"LED group {name}: these pictures do not tell its {what}")
             continue
-        spread = 1.96 * parameter.se
+        spread = TWO_SIDED * parameter.se
         untold = f": these pictures do not tell it to {told:g} {unit}" if spread > told else ""
         found.append(f"LED group {name}: {what} {parameter.value:.2f} ± {spread:.2f} {unit}{untold}")
     return found

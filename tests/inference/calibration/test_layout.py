@@ -6,14 +6,16 @@ import layout_sensors
 import numpy as np
 import pytest
 
+from designlab.core.fields import field_at
 from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.layout import (
     GroupPlace,
+    as_searched,
     layout_fields,
     layout_words,
     search_layout,
 )
-from designlab.inference.calibration.result import FittedParameter
+from designlab.inference.calibration.result import Calibration, FittedParameter
 from designlab.inference.calibration.verdict import FALLEN
 from designlab.measurement import (
     MeasuredFrame,
@@ -146,6 +148,30 @@ def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
         "LED group blue: height 8.50 ± 0.20 mm",
         "LED group blue: tilt 20.00 ± 5.88 deg: these pictures do not tell it to 5 deg",
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "least"),
+    [("azimuth_deg.0", 0.7, 1.25), ("height_mm", 0.02, 0.375), ("tilt_deg", 0.5, 1.0)],
+)
+def test_what_a_fit_left_where_it_began_is_known_to_a_step_of_the_search(name, step, least):
+    start, paths = layout_fields(DESIGN)
+    path = f"leds.groups.1.{name}"
+    assert path in paths
+    there = field_at(start, path).value
+    parameters = [
+        FittedParameter(path, "", there, 0.01),
+        FittedParameter(path, "", there + step, 0.01),
+        FittedParameter(path, "", there, 4.0),
+        FittedParameter(path, "", there, None),
+        FittedParameter("elastomer.thickness_mm", "mm", start.elastomer.thickness_mm, 0.01),
+    ]
+    found = Calibration(
+        start, tuple(parameters), np.zeros((5, 5)), (), (), np.zeros((3, 3)), np.zeros(3), (), {}
+    )
+    left, moved, unsure, untold, other = (p.se for p in as_searched(found, start).parameters)
+    assert left == pytest.approx(least / 1.96)
+    assert (moved, unsure, untold, other) == (0.01, 4.0, None, 0.01)
 
 
 def test_a_failed_fit_tells_of_no_group():
