@@ -38,7 +38,7 @@ TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
 # Interval to either side beyond which a value is not told.
 TOLD = {("height_mm", "height", "mm"): 1.0, ("tilt_deg", "tilt", "deg"): 5.0}
 MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
-# Half an interval, at least, of what a fit left where it began: half a step of the search or of the derivatives.
+# Half an interval, at least, of what a fit left where it began: half a step of search or derivatives.
 LEFT = {
     "azimuth_deg": FINE_DEG_MM[-1][0] / 2,
     "height_mm": FINE_DEG_MM[-1][1] / 2,
