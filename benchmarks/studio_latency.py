@@ -161,6 +161,7 @@ def main() -> int:
             for view in ("3D shown", "3D hidden"):
                 if view == "3D hidden":
                     tab.locator("#model-shown").click()
+                tab.wait_for_function(SCORED, timeout=PICTURE_MS)  # no evaluation runs beside
                 wide = "!each[1].startsWith('coarse')"
                 for place in random.uniform(0.3, 0.7, (half, 2)):
                     found, seen = timed(tab, worker, TOUCH % tuple(place), until=wide)

@@ -40,6 +40,10 @@ class Desk(Protocol):
         """Ask the worker; `answer` gets each step. An older request of the lane is forgotten."""
         ...
 
+    def forget(self, lane: str) -> None:
+        """Forget what was asked for in a lane."""
+        ...
+
     def open(self, source: str) -> None:
         """Begin with another design: a preset, or a file under the folder."""
         ...

@@ -61,16 +61,19 @@ class NewestQueue:
             self._changed.notify()
 
     def take(self, timeout_s: float | None = None) -> Task | None:
-        """Remove and return the task that comes first, or None where none has come in time."""
+        """Remove and return the task that comes first, or None where none has come in time.
+
+        One that rests is waited for: its rest is short, and what is begun meanwhile would be given up for it.
+        """
         end = None if timeout_s is None else time.monotonic() + timeout_s
         with self._changed:
             while True:
                 now = time.monotonic()
-                ready = [task for task in self._waiting.values() if task.ready_at <= now]
-                if ready:
-                    first = min(ready, key=lambda task: task.order)
+                first = min(self._waiting.values(), key=lambda task: task.order, default=None)
+                if first is not None and first.ready_at <= now:
                     return self._waiting.pop(first.key)
-                times = [task.ready_at for task in self._waiting.values()] + ([] if end is None else [end])
+                times = [] if first is None else [first.ready_at]
+                times += [] if end is None else [end]
                 if end is not None and now >= end:
                     return None
                 self._changed.wait(min(times) - now if times else None)

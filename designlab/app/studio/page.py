@@ -85,6 +85,10 @@ class Page:
         self._lanes[lane] = answer
         return self._worker.ask(self.client.id, lane, job, digest=self.session.digest, priority=priority)
 
+    def forget(self, lane: str) -> None:
+        """Forget what was asked for in a lane."""
+        self._worker.forget(self.client.id, lane)
+
     def receive(self, reply: Reply) -> None:
         """Take an answer of the worker."""
         if (answer := self._lanes.get(reply.lane)) is not None and not self.client.is_deleted:

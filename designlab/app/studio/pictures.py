@@ -7,7 +7,7 @@ kept. Colour, power, white balance and the camera's own steps are applied to pic
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -179,7 +179,7 @@ def steps(
                 return
         if not there:
             yield Rest(FULL_REST_S if level == start else REST_S)
-        with _unless(waits if level > start else None):
+        with nullcontext() if level == start else unless(waits):
             picture = _picture(bench, job, effort.full, samples, _words(level, last, coarse=False))
         yield picture
         bench.baked(light, level)
@@ -192,11 +192,11 @@ def steps(
 
 
 @contextmanager
-def _unless(waits: Callable[[], bool] | None) -> Iterator[None]:
-    """Bake light unless something else waits."""
+def unless(waits: Callable[[], bool]) -> Iterator[None]:
+    """Bake light unless something waits that comes first: `Superseded` is raised then."""
 
     def between() -> None:
-        if waits is not None and waits():
+        if waits():
             raise Superseded
 
     before, SESSION.between = SESSION.between, between

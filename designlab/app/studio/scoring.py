@@ -5,6 +5,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from designlab.app.studio.newest import Superseded
+from designlab.app.studio.pictures import unless
 from designlab.evaluation.evaluate import Score, evaluate
 from designlab.evaluation.paired_comparison import differences
 from designlab.report.page import rounded
@@ -40,7 +41,8 @@ def scored(design: Design, waits: Callable[[], bool]) -> Score:
         if waits():
             raise Superseded
 
-    return evaluate(design, fidelity=FIDELITY, seed=SEED, progress=progress).score
+    with unless(waits):
+        return evaluate(design, fidelity=FIDELITY, seed=SEED, progress=progress).score
 
 
 def rows(score: Score, pinned: Score | None) -> list[ScoreRow]:

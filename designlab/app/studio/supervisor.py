@@ -57,12 +57,12 @@ class Supervisor:
             self._send(request)
             return self._number
 
-    def forget(self, client: str) -> None:
-        """Forget all that a tab has asked for."""
+    def forget(self, client: str, lane: str | None = None) -> None:
+        """Forget what a tab has asked for: in a lane, or all of it."""
         with self._lock:
-            for key in [key for key in self._open if key[0] == client]:
+            for key in [key for key in self._open if key[0] == client and lane in (None, key[1])]:
                 del self._open[key]
-            self._send((worker.FORGET, client))
+            self._send((worker.FORGET, client, lane))
 
     def stop(self) -> None:
         """End the worker."""

@@ -27,7 +27,7 @@ from designlab.app.studio.messages import (
 from designlab.app.studio.newest import NewestQueue, Superseded, Task
 
 FORGET = "forget"
-"""Message with the name of a tab that was closed."""
+"""Message with a tab and a lane that nothing is wanted of any more; without a lane the tab was closed."""
 END = "end"
 """Message that the studio ends."""
 
@@ -64,13 +64,13 @@ def _listen(pipe: "Connection[Any, Any]", queue: NewestQueue) -> None:
             key = message.client, message.lane
             queue.put(Task(key, message.number, message, priority=message.priority))
         elif message[0] == FORGET:
-            queue.drop(partial(_belongs, client=message[1]))
+            queue.drop(partial(_belongs, client=message[1], lane=message[2]))
         elif message[0] == END:
             os._exit(0)
 
 
-def _belongs(key: Any, *, client: str) -> bool:
-    return bool(key[0] == client)
+def _belongs(key: Any, *, client: str, lane: str | None) -> bool:
+    return bool(key[0] == client and lane in (None, key[1]))
 
 
 def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers: "Handlers") -> None:
@@ -85,7 +85,8 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
         return
     except Superseded:
         task.state = None  # begins anew when nothing better waits
-        queue.put(task)
+        if not queue.superseded(task):
+            queue.put(task)
         return
     except Exception as error:
         found = judged(error)

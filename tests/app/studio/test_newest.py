@@ -2,10 +2,13 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from designlab.app.studio.newest import NewestQueue, Task
+from designlab.app.studio.messages import Request, ScoreJob
+from designlab.app.studio.newest import NewestQueue, Superseded, Task
+from designlab.app.studio.worker import _step
 
 
 def task(key, number, **more):
@@ -78,13 +81,15 @@ def test_what_was_dropped_is_neither_taken_nor_goes_on():
     assert queue.take(0) is None
 
 
-def test_a_task_that_rests_is_taken_later_unless_something_newer_comes():
+def test_a_task_that_rests_is_waited_for_unless_something_better_comes():
     queue = NewestQueue()
-    queue.put(task("picture", 1, ready_at=time.monotonic() + 0.2))
+    queue.put(task("picture", 1, steps=1, ready_at=time.monotonic() + 0.2))
     queue.put(task("scores", 2, priority=100))
-    assert queue.take(0).key == "scores"
+    queue.put(task("other picture", 3))
+    assert queue.take(0).number == 3
     assert queue.take(0) is None
     assert queue.take(5).number == 1
+    assert queue.take(0).number == 2
     queue.put(task("picture", 2, ready_at=time.monotonic() + 60))
     queue.put(task("picture", 3))
     assert queue.take(0).number == 3
@@ -98,3 +103,27 @@ def test_one_who_waits_is_woken():
     queue.put(task("picture", 1))
     waiting.join(10)
     assert [each.number for each in found] == [1]
+
+
+@pytest.mark.parametrize(("dropped", "left"), [(False, 1), (True, 0)])
+def test_what_is_given_up_begins_anew_unless_nothing_is_wanted_of_it(dropped, left):
+    queue, told = NewestQueue(), []
+    request = Request("tab", "scores", 1, "", ScoreJob(None), priority=100)
+    queue.put(Task(("tab", "scores"), 1, request, priority=100))
+    taken = queue.take(0)
+
+    def given_up(job, waits):
+        if dropped:
+            queue.drop(lambda key: key == ("tab", "scores"))
+        else:
+            queue.put(task(("tab", "picture"), 2))
+        assert waits()
+        raise Superseded
+        yield
+
+    _step(taken, queue, SimpleNamespace(send=told.append), SimpleNamespace(steps=given_up))
+    found = []
+    while (waiting := queue.take(0)) is not None:
+        found.append(waiting.key[1])
+    assert found.count("scores") == left
+    assert told == []

@@ -20,8 +20,9 @@ from designlab.sensor.design import DesignError
 from designlab.simulation.contact.press import Press
 from geometries.probes import REACH, Probe
 
-REST_S = 0.8  # for which no knob was turned before scores and drawing follow
-LOOK_S = 0.2
+REST_S = 0.8  # after the last turn, and after its first picture, before scores and drawing follow
+SETTLE_S = 0.12  # after which knobs and rules are shown if no picture has come before
+LOOK_S = 0.1
 NUDGE_MM, LARGE_NUDGE_MM = 0.1, 1.0
 DEEPER = 1.08  # a step of the wheel
 NOW, PINNED, SCORES, PIN_SCORES, MODEL = "picture", "pinned picture", "scores", "pinned scores", "model"
@@ -40,6 +41,7 @@ class DesignView:
         self._unscored = ""  # why the design that was followed has none
         self._grid: Picture | None = None
         self._begun = False
+        self._unsettled = self._awaited = False
         self._banner = ui.label("").classes("banner").props('role="alert" id="banner"')
         with ui.element("div").classes("bench"):
             with ui.element("div").classes("left").props('aria-label="Knobs"'):
@@ -179,18 +181,25 @@ class DesignView:
 
     def _changed(self) -> None:
         """Show the state, and ask for what belongs to it."""
-        session = self._page.session
         self._turned_at = time.monotonic()
-        self._ask_picture()  # first: it is made while the rest is shown
+        self._ask_picture()  # first, and what takes this process long when the picture has come
+        self._unsettled = True
+        self._press.update(self._page.session.press)
+        self._page.changed()
+        self._mark()
+        if self._followed != self._page.session.digest:
+            self._sensor.outdated()
+            self._followed = ""
+            self._page.forget(SCORES)
+
+    def _settle(self) -> None:
+        """Show values and rules beside the knobs, and the scores that there are."""
+        session = self._page.session
+        self._unsettled = False
         self._knobs.update(session)
-        self._press.update(session.press)
         self._banner.set_text(fields_wrong(session.broken))
         self._banner.set_visibility(bool(self._banner.text))
-        self._page.changed()
         self._show_scores()
-        self._mark()
-        if self._followed != session.digest:
-            self._sensor.outdated()
 
     @property
     def _shown_press(self) -> Press | None:
@@ -202,6 +211,7 @@ class DesignView:
 
     def _ask_picture(self) -> None:
         session = self._page.session
+        self._awaited = True
         number = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
         call(self._page.client, "expect", session.digest, number)
 
@@ -216,6 +226,8 @@ class DesignView:
         session = self._page.session
         if reply.digest != session.digest:
             return  # made for a design that is no longer shown
+        if self._awaited:
+            self._awaited, self._turned_at = False, time.monotonic()
         if reply.error:
             self._banner.set_text(reply.error)
             self._banner.set_visibility(True)
@@ -231,6 +243,8 @@ class DesignView:
                 name=session.design.name,
             )
             self._mark()
+            if self._unsettled:
+                self._settle()
         elif isinstance(reply.content, Relief):
             self._stage.relief(self._page.client, reply.content, digest=reply.digest, request=reply.number)
 
@@ -257,7 +271,10 @@ class DesignView:
 
     def _look(self) -> None:
         """Ask for scores and drawing once the knobs are at rest."""
-        if not self._begun or time.monotonic() - self._turned_at < REST_S:
+        rested_s = time.monotonic() - self._turned_at
+        if self._unsettled and rested_s > SETTLE_S:
+            self._settle()
+        if not self._begun or self._awaited or rested_s < REST_S:
             return
         self._page.remember()
         session = self._page.session
