@@ -150,8 +150,10 @@ class Picture(NamedTuple):
 
     Attributes
     ----------
-    png : bytes
-        PNG file: white is full scale of the camera.
+    file : bytes
+        BMP file: white is full scale of the camera. Packing it as PNG would take longer than sending it.
+    shape : tuple of int
+        Columns and rows.
     pressed : bool
         Whether it shows the press; not where that cannot be made, which `note` says.
     columns_mm, rows_mm : array, shape (9, 9)
@@ -162,7 +164,8 @@ class Picture(NamedTuple):
         What is shown, in words.
     """
 
-    png: bytes
+    file: bytes
+    shape: tuple[int, int]
     pressed: bool
     columns_mm: NDArray[Any]
     rows_mm: NDArray[Any]

@@ -33,7 +33,7 @@ def shown(bench, session, press="its own"):
 
 
 def pixels(picture):
-    return np.asarray(Image.open(io.BytesIO(picture.png)), dtype=float)
+    return np.asarray(Image.open(io.BytesIO(picture.file)), dtype=float)
 
 
 def test_pictures_become_finer_and_less_grainy_and_a_press_is_read(bench):
@@ -50,7 +50,7 @@ def test_pictures_become_finer_and_less_grainy_and_a_press_is_read(bench):
     # The first picture of a press that is moved is near the full one.
     session.move_press(centre_mm=(1.0, -1.0))
     coarse, _, full, *_ = shown(bench, session)
-    small = np.asarray(Image.open(io.BytesIO(full.png)).resize(pixels(coarse).shape[1::-1]), dtype=float)
+    small = np.asarray(Image.open(io.BytesIO(full.file)).resize(pixels(coarse).shape[1::-1]), dtype=float)
     assert np.sqrt(np.mean((small - pixels(coarse)) ** 2)) < 0.03 * small.mean()
 
 

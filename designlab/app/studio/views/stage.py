@@ -91,13 +91,13 @@ class Stage:
         if found.note:
             caption += f". {found.note}"
         payload = {
-            "src": source(found.png),
+            "src": source(found.file),
             "digest": digest,
             "request": request,
             "step": found.step,
             "caption": caption,
             "alt": f"camera picture of {name}",
-            "shape": _shape(found.png),
+            "shape": "{} / {}".format(*found.shape),
         }
         call(client, "show", slot, payload)
         if slot == "now":
@@ -121,9 +121,10 @@ FLICK = (
 )
 
 
-def source(png: bytes) -> str:
-    """A PNG file as a source of an image."""
-    return "data:image/png;base64," + base64.b64encode(png).decode()
+def source(file: bytes) -> str:
+    """A PNG or BMP file as a source of an image."""
+    kind = "bmp" if file.startswith(b"BM") else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(file).decode()}"
 
 
 def call(client: Any, name: str, *arguments: Any) -> None:
@@ -148,9 +149,3 @@ def place_of(point_mm: tuple[float, float], columns_mm: Array, rows_mm: Array) -
     across = (point_mm[0] - x[0]) / (x[-1] - x[0])
     down = (point_mm[1] - y[0]) / (y[-1] - y[0])
     return float(across), float(down)
-
-
-def _shape(png: bytes) -> str:
-    """Width over height of a PNG file, as its header states them."""
-    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
-    return f"{width} / {height}"

@@ -203,7 +203,7 @@ class StudyView:
             if reply.error:
                 call(self._page.client, "words", "trial-words", f"Trial {trial}: {reply.error}")
             if isinstance(reply.content, Picture):
-                picture = source(reply.content.png)
+                picture = source(reply.content.file)
                 call(self._page.client, "map", "trial-picture", picture, f"camera picture of trial {trial}")
                 call(self._page.client, "words", "trial-words", f"Trial {trial}, {reply.content.step}")
 
