@@ -269,7 +269,7 @@ def test_bill_of_materials(exports: dict[str, Path]) -> None:
     gel_ml = np.sqrt(3) / 2 * 26**2 * 2 / 1000
     assert float(rows["elastomer"]["volume_ml"]) == pytest.approx(gel_ml, abs=1e-4)
     assert float(rows["elastomer"]["mass_g"]) == pytest.approx(1.03 * gel_ml, abs=1e-3)
-    assert f"{np.sqrt(3) / 2 * 26**2:.0f} mm2" in rows["membrane"]["material"]
+    assert f"{np.sqrt(3) / 2 * 26**2:.0f} mm²" in rows["membrane"]["material"]
     assert [rows[f"led_{name}"]["count"] for name in ("red", "green", "blue")] == ["3", "3", "3"]
     assert "10 mW each" in rows["led_red"]["material"]
     with (exports["gelsight-2020-flat"] / "bom.csv").open(encoding="utf-8") as file:
