@@ -35,6 +35,7 @@ WIRES_MM = 1.6
 """Depth kept free behind a connector for wires."""
 BESIDE_MM = 0.4
 OFF_BOARD_MM = 0.05  # from where the way of a wire is followed
+REST_MM = 0.2  # of the ring around the gel on its shoulder, at least
 SMOOTH_MM = 0.005  # to which the ring around the gel follows a round outline
 TIP_MM = 0.5  # of material left under a screw
 
@@ -163,9 +164,8 @@ def wire_paths(plate: Plate, hole: WireHole, outside_mm: float) -> list[Array]:
 def gel_ring(design: Design, found: Sequence[Plate]) -> GelRing | None:
     """Ring that closes the bore around gel and core against daylight; None where nothing is open.
 
-    It lies below boards and LEDs and no higher than the gel's edge, so that no straight way from an LED to
-    core or gel meets it; what it stops would have left through the bore and been lost. Light is simulated
-    without it.
+    It lies below boards and LEDs, beside the lower part of a flat gel or below the edge of a dome. Nearly all
+    of what it stops would have left through the bore, so light is simulated without it.
 
     Raises
     ------
@@ -184,13 +184,18 @@ def gel_ring(design: Design, found: Sequence[Plate]) -> GelRing | None:
     widest = float(np.hypot(*corners.T).max())
     if inner - hole.exterior.distance(Point(0.0, 0.0)) < seats.OPEN_MM:
         return None
-    shoulder = min(seats.SHOULDER_WALL_MM, housing.wall_mm - MINIMUM_WALL_MM)
+    shoulder = min(max(seats.SHOULDER_WALL_MM, gap + 2 * REST_MM), housing.wall_mm - MINIMUM_WALL_MM)
     outer = inner + shoulder - gap
-    if shoulder < 2 * gap or outer - widest < MINIMUM_WALL_MM:
-        need = max(MINIMUM_WALL_MM + 2 * gap, housing.wall_mm + MINIMUM_WALL_MM + widest - outer)
+    if shoulder < gap + REST_MM - 1e-9:
         raise SeatError(
             f"housing.wall_mm: {housing.wall_mm:g} mm leaves no shoulder for the ring around the gel, which "
-            f"keeps daylight from the LEDs; give {need:.3g} mm or more, or raise housing.inner_radius_mm"
+            f"keeps daylight from the LEDs; give {MINIMUM_WALL_MM + gap + REST_MM:.3g} mm or more"
+        )
+    if outer - widest < MINIMUM_WALL_MM:
+        raise SeatError(
+            f"housing.inner_radius_mm: {inner:g} mm leaves the ring around the gel {outer - widest:.3g} mm "
+            f"at the gel's corners, {MINIMUM_WALL_MM:g} mm or more must be; give "
+            f"{inner + MINIMUM_WALL_MM - outer + widest:.4g} mm or more"
         )
     edge = elastomer.base_mm(gel, 0.999 * outline[:, 0], 0.999 * outline[:, 1])
     lowest = min(

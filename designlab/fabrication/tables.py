@@ -179,11 +179,11 @@ def bill(
                 "" if size is None else f", {' x '.join('?' if v is None else f'{v:g}' for v in size)} mm"
             )
             text = f"{number}{outside}, lit in {lit}"
-            note = f"come on the LED boards; {note}"
+            note = f"come on the LED boards; {note}; light in the design: {flux}; that of the boards differs"
         rows.append(_row(led_item(design, held), count, text, None, None, note))
     camera = design.camera
     text = (
-        f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g} deg horizontal, "
+        f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g}° horizontal, "
         f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
     )
     place = ", ".join(f"{value:g}" for value in camera.position_mm)

@@ -357,6 +357,10 @@ def test_a_wall_too_thin_is_told_by_part_value_and_rule(part: str, thickness_mm:
     ("changes", "named"),
     [
         ({"housing.wall_mm": 1.0}, ["housing.wall_mm", "1 mm", "1.2 mm or more"]),
+        (
+            {"housing.inner_radius_mm": 15.75, "housing.wall_mm": 1.4},
+            ["housing.inner_radius_mm", "0.8 mm or more"],
+        ),
         ({"housing.bottom_mm": 3.4}, ["housing.bottom_mm", "3.4 mm", "0.8 mm or more must be"]),
         ({"housing.bottom_mm": 3.1, "leds.height_mm": 5.8}, ["housing.bottom_mm", "3.1 mm"]),
     ],
@@ -783,6 +787,11 @@ def test_what_cannot_be_seated_is_refused_before_anything_is_written(
         ({"camera.body_radius_mm": 2.0}, [], ["housing.seats.camera", "its lens", "violated by 3.5 mm"]),
         ({"camera.position_mm": (0.0, 0.0, 21.5)}, [], ["camera_board_above_plate", "5 mm or more"]),
         ({"housing.inner_radius_mm": 14.0}, [], ["core_inside_housing", "violated by 1.01 mm"]),
+        (
+            {"housing.wall_mm": 1.1},
+            [],
+            ["housing.wall_mm", "1.1 mm", "ring around the gel", "1.2 mm or more"],
+        ),
     ],
 )
 def test_bad_input_names_part_value_and_rule_and_leaves_nothing(
