@@ -357,10 +357,6 @@ def test_a_wall_too_thin_is_told_by_part_value_and_rule(part: str, thickness_mm:
     ("changes", "named"),
     [
         ({"housing.wall_mm": 1.0}, ["housing.wall_mm", "1 mm", "1.2 mm or more"]),
-        (
-            {"housing.inner_radius_mm": 15.75, "housing.wall_mm": 1.4},
-            ["housing.inner_radius_mm", "0.8 mm or more"],
-        ),
         ({"housing.bottom_mm": 3.4}, ["housing.bottom_mm", "3.4 mm", "0.8 mm or more must be"]),
         ({"housing.bottom_mm": 3.1, "leds.height_mm": 5.8}, ["housing.bottom_mm", "3.1 mm"]),
     ],
@@ -370,6 +366,18 @@ def test_a_ring_around_the_gel_without_room_is_refused(changes: dict[str, Any], 
     with pytest.raises(SeatError) as refused:
         gel_ring(design, plates(boards.boards(design).boards))
     assert all(word in str(refused.value) for word in named), refused.value
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(("inner_mm", "wall_mm"), [(15.5, 1.2), (15.6, 1.3), (15.2, 1.5)])
+def test_a_ring_too_thin_at_the_gel_s_corners_is_refused(inner_mm: float, wall_mm: float) -> None:
+    design = preset("default").replace({"housing.inner_radius_mm": inner_mm, "housing.wall_mm": wall_mm})
+    with pytest.raises(
+        SeatError, match=r"housing\.inner_radius_mm: .* 0\.8 mm or more must be; give"
+    ) as refused:
+        gel_ring(design, [])
+    enough = float(str(refused.value).split("give ")[1].split(" mm")[0]) + 0.01
+    assert gel_ring(design.replace({"housing.inner_radius_mm": enough}), []) is not None
 
 
 @pytest.mark.parametrize("name", SEATED[:3])
