@@ -24,7 +24,7 @@ class CameraBoard(NamedTuple):
     The board's lens side is the plane 0; `base_mm` is the width of the lens's square base, `barrel_mm` the
     diameter of what reaches beyond it, `lens_height_mm` where that ends, `pupil_mm` the height of the
     entrance pupil. Boxes are (x from, x to, y from, y to, height). `ribbon_mm` is width, thickness and height
-    of the cable behind the board; it leaves towards -y.
+    of the cable behind the board; it leaves towards -y. `raw_bits` are those of a pixel of raw pictures.
     """
 
     name: str
@@ -43,6 +43,7 @@ class CameraBoard(NamedTuple):
     front: tuple[Box, ...]
     back: tuple[Box, ...]
     ribbon_mm: tuple[float, float, float]
+    raw_bits: int
     assumed: tuple[str, ...]
 
 

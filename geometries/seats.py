@@ -33,11 +33,18 @@ BESIDE_FEET_MM, LEAST_FOOT_MM, WIDEST_FOOT_DEG = 0.5, 0.5, 40.0
 WIDEST_OPEN_DEG = 175.0
 """Between neighbouring feet or tabs: a core that is held on half a turn only tips or slides out."""
 CHEEK_MM = 1.0  # on both sides of a board
+BELOW_BOARD_MM = 0.2  # that its floor reaches below it
+LEAST_CHAMFER_MM = 0.1
 FAR_MM = 400.0
 INTO_WALL_MM = 0.3  # what grows from the wall begins inside it
 RIM_MM = 1.0  # of the head around the lid
 CABLE_MM = 4.0
-"""Width and height of the hole for the LEDs' wires."""
+"""Width and height of the hole for wires where no board says where they begin, and under a level board."""
+WALL_BESIDE_MM = 1.2  # of the wall behind a groove for wires
+GEL_RING_MM, LEAST_GEL_RING_MM, SHOULDER_WALL_MM = 1.0, 0.8, 0.8
+"""Thickness of the ring around the gel, the least of it, and how deep its shoulder cuts into the wall."""
+LEAST_WALL_MM = 0.8
+OPEN_MM = 1.0  # between gel and bore: what sealant closes without a ring
 CORE_RING_MM = 2.0
 SHOULDER_MM = 2.6
 """Width of what carries a peg behind a level board: within the room of a screw's head."""
@@ -60,7 +67,7 @@ class Plate(NamedTuple):
 
     `bounds` is (x from, y from, x to, y to). `behind` are boxes at its back that are kept free, (x from,
     x to, y from, y to, depth). A ring lies about the axis, with a bore; pegs in its `holes`, each (x, y,
-    diameter), keep it from turning.
+    diameter), keep it from turning. `pads` are the middles of the pads that wires are soldered to.
     """
 
     name: str
@@ -73,11 +80,33 @@ class Plate(NamedTuple):
     behind: tuple[Box, ...]
     ring: bool = False
     holes: tuple[tuple[float, float, float], ...] = ()
+    pads: tuple[tuple[float, float], ...] = ()
 
     @property
     def upright(self) -> bool:
         """Whether it stands along the axis, so that it slides into its pocket from the gel's side."""
         return abs(self.normal[2]) < 1e-6
+
+
+class WireHole(NamedTuple):
+    """A hole through the wall for the wires of a board: a level tunnel, in the sensor frame (mm).
+
+    It begins at `start`, the middle of its cross-section, and leads along `way`, a level unit vector.
+    """
+
+    start: tuple[float, float, float]
+    way: tuple[float, float, float]
+    width_mm: float
+    height_mm: float
+
+
+class GelRing(NamedTuple):
+    """A flat ring that closes the bore around the gel: its heights, and its hole's outline, (n, 2), in mm."""
+
+    outer_mm: float
+    hole: Array
+    low_mm: float
+    high_mm: float
 
 
 def inside(housing: Housing, core: Gelcore, leds: LedArray, *, window_mm: float) -> Inside:
@@ -209,7 +238,14 @@ def _tab(
 
 
 def body(
-    housing: Housing, within: Inside, plates: Sequence[Plate], posts: Iterable[Prism], mount: Mount
+    housing: Housing,
+    within: Inside,
+    plates: Sequence[Plate],
+    posts: Iterable[Prism],
+    mount: Mount,
+    *,
+    holes: Iterable[WireHole] = (),
+    gel_ring: GelRing | None = None,
 ) -> "cadquery.Workplane":
     """Body of the housing as one CadQuery solid in the sensor frame (mm).
 
@@ -225,6 +261,10 @@ def body(
         What a level board rests on.
     mount : Mount
         The camera board on the plate.
+    holes : iterable of WireHole
+        Where wires leave.
+    gel_ring : GelRing, optional
+        What the lower rim has a shoulder for.
     """
     import cadquery
 
@@ -237,11 +277,16 @@ def body(
         block = base.circle(outer).extrude(height)
     else:
         block = base.rect(2 * outer, 2 * outer).extrude(height).edges("|Z").fillet(min(2.0, housing.wall_mm))
-    block = block.faces("<Z").chamfer(min(CHAMFER_MM, housing.wall_mm / 4))
+    cut_mm = 0.0 if gel_ring is None else gel_ring.outer_mm + gap - inner
+    chamfer = min(CHAMFER_MM, housing.wall_mm / 4, housing.wall_mm - cut_mm - LEAST_WALL_MM)
+    if chamfer > LEAST_CHAMFER_MM:
+        block = block.faces("<Z").chamfer(chamfer)
     x0, x1, y0, y1 = grown(lid_outline(mount, gap), RIM_MM)
     head = slab((x0, x1, y0, y1), top, mount.seat_mm).edges("|Z").fillet(2.0)
     block = block.union(head).faces(">Z").chamfer(CHAMFER_MM)
     block = block.cut(disc(inner, low - 1, top))
+    if gel_ring is not None:
+        block = block.cut(disc(gel_ring.outer_mm + gap, low - 1, gel_ring.high_mm))
     seats = [prism(part) for part in (*within.tabs, *posts)]
     seats += [_pad(plate, gap, inner, low, top) for plate in plates if not plate.ring]
     for seat in seats:
@@ -254,18 +299,67 @@ def body(
             block = block.union(_peg(plate, drilled, top))
         for box in plate.behind if not plate.ring else ():
             block = block.cut(_wire_way(plate, box, inner, housing.wall_mm, top))
+    for hole in holes:
+        block = block.cut(wire_tunnel(hole))
     if within.collar is not None:
         collar = ring(within.collar)
         for foot in within.feet:
             collar = collar.union(prism(foot))
         block = block.union(collar)
-    turn = math.radians(within.cable_deg)
-    way = (math.cos(turn), math.sin(turn), 0.0)
-    start = cadquery.Vector((inner - 1.0) * way[0], (inner - 1.0) * way[1], top - CABLE_MM / 2 - 0.6)
-    hole = cadquery.Plane(origin=start, xDir=(0, 0, 1), normal=way)
-    block = block.cut(cadquery.Workplane(hole).rect(CABLE_MM, CABLE_MM).extrude(FAR_MM / 4))
     block = camera_seat(block, housing, mount, gap)
     return block.solids()
+
+
+def level_hole(housing: Housing, at_deg: float) -> WireHole:
+    """A hole through the wall under the camera plate, at an azimuth (deg)."""
+    turn, inner = math.radians(at_deg), housing.inner_radius_mm
+    way = (math.cos(turn), math.sin(turn), 0.0)
+    start = (inner - 1.0) * way[0], (inner - 1.0) * way[1], housing.top_mm - CABLE_MM / 2 - 0.6
+    return WireHole(start, way, CABLE_MM, CABLE_MM)
+
+
+def hole_behind(plate: Plate) -> WireHole:
+    """Hole straight out through the wall behind the connector of an upright or leaning board."""
+    x0, x1, y0, y1, depth = plate.behind[0]
+    x, y, normal = (np.asarray(axis) for axis in (plate.x, plate.y, plate.normal))
+    out = -normal * (1.0, 1.0, 0.0)
+    out /= np.linalg.norm(out)
+    back = plate.thickness_mm
+    ends = np.array(
+        [
+            plate.origin + (x0 + x1) / 2 * x + v * y - d * normal
+            for v in (y0, y1)
+            for d in (back, back + depth)
+        ]
+    )
+    along = ends @ out
+    begin = float(along[[0, 2]].max())  # at the board's back, where it stands farthest out
+    low, high = float(ends[:, 2].min()), float(ends[:, 2].max())
+    across = np.array([-out[1], out[0], 0.0])
+    start = begin * out + float(ends[0] @ across) * across
+    return WireHole(
+        (float(start[0]), float(start[1]), (low + high) / 2),
+        (float(out[0]), float(out[1]), 0.0),
+        x1 - x0,
+        high - low,
+    )
+
+
+def wire_tunnel(hole: WireHole) -> "cadquery.Workplane":
+    """The hole as the solid that is cut away."""
+    import cadquery
+
+    plane = cadquery.Plane(origin=hole.start, xDir=(0, 0, 1), normal=hole.way)
+    return cadquery.Workplane(plane).rect(hole.height_mm, hole.width_mm).extrude(FAR_MM / 4)
+
+
+def gel_ring(spec: GelRing) -> "cadquery.Workplane":
+    """The ring around the gel, put in last from the gel's side, against the shoulder in the wall."""
+    import cadquery
+
+    plane = cadquery.Workplane("XY", origin=(0, 0, spec.low_mm - 1))
+    hole = plane.polyline(spec.hole.tolist()).close().extrude(spec.high_mm - spec.low_mm + 2)
+    return disc(spec.outer_mm, spec.low_mm, spec.high_mm).cut(hole).solids()
 
 
 def core_ring(
@@ -279,10 +373,10 @@ def core_ring(
 
     assert housing.seats is not None
     gap, outer = housing.seats.gap_mm, housing.inner_radius_mm - housing.seats.gap_mm
-    low = window_mm - min(CORE_RING_MM, 0.6 * gelcore.side_height_mm(core))
+    low = window_mm - max(LEAST_WALL_MM, min(CORE_RING_MM, 0.6 * gelcore.side_height_mm(core)))
     reach = max(float(np.hypot(*body.centre_mm[:2])) + math.hypot(*body.half_mm[:2]) for body in bodies(leds))
     upper = disc(outer, low, board_mm).cut(
-        disc(min(reach + BESIDE_LENS_MM, outer - 0.8), low - 1, board_mm + 1)
+        disc(min(reach + BESIDE_LENS_MM, outer - LEAST_WALL_MM), low - 1, board_mm + 1)
     )
     ring = disc(outer, low, window_mm)
     gap += max(core.side_bulge_mm or 0.0, 0.0)
@@ -318,7 +412,7 @@ def _pad(plate: Plate, gap: float, inner: float, low: float, top: float) -> "cad
     """What holds an upright or leaning board: floor at its back, cheeks beside it and a stop over it."""
     x0, y0, x1, y1 = plate.bounds
     wide = x0 - gap - CHEEK_MM, x1 + gap + CHEEK_MM
-    seat = _box_on(plate, (*wide, y0 - 0.2, FAR_MM / 4), -FAR_MM / 8, 0.0)
+    seat = _box_on(plate, (*wide, y0 - BELOW_BOARD_MM, FAR_MM / 4), -FAR_MM / 8, 0.0)
     seat = seat.intersect(disc(inner + INTO_WALL_MM, low, top))
     # Over a board that leans inwards the stop rises straight.
     edge = np.asarray(plate.origin) + y1 * np.asarray(plate.y)
@@ -341,7 +435,12 @@ def _kept_free(plate: Plate, gap: float) -> "cadquery.Workplane":
 
 
 def _wire_way(plate: Plate, box: Box, inner: float, wall: float, top: float) -> "cadquery.Workplane":
-    """Groove behind a board from its connector up to the plate, as deep as the wall allows."""
-    x0, x1, y0, _, depth = box
-    groove = _box_on(plate, (x0, x1, y0, FAR_MM / 4), -plate.thickness_mm - depth, -plate.thickness_mm + 0.01)
-    return groove.intersect(disc(inner + max(wall - 1.2, 0.0), -FAR_MM / 8, top))
+    """Groove behind a board for its soldered wires, as deep as the wall allows.
+
+    Below the connector it is open, since an upright board is slid in from there. Nothing stands before it
+    above the board, and no light of the LEDs reaches it: it lies behind them and their board.
+    """
+    x0, x1, y0, y1, depth = box
+    low = plate.bounds[1] - BELOW_BOARD_MM if plate.upright else y0
+    groove = _box_on(plate, (x0, x1, low, y1), -plate.thickness_mm - depth, -plate.thickness_mm + 0.01)
+    return groove.intersect(disc(inner + max(wall - WALL_BESIDE_MM, 0.0), -FAR_MM / 8, top))

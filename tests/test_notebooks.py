@@ -127,6 +127,6 @@ def test_the_first_sensor_goes_from_an_idea_to_parts_and_a_plan(tmp_path, monkey
     assert any("leds.height_mm 6 -> 5" in text for text in texts)
     said = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stdout")
     assert "checks passed" in said
-    assert re.search(r"led_red +3 x .*, lit in red; the design has 625 nm", said)
+    assert re.search(r"led_red +3 x .*, 1.6 x 1.6 x 0.7 mm, lit in red", said)
     assert any("sphere:3.5" in text for text in texts)
     assert (tmp_path / "parts" / "assembly.step").is_file()

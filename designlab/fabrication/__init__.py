@@ -40,7 +40,7 @@ from designlab.fabrication.parts import (
     parts,
     probe_name,
 )
-from designlab.fabrication.seating import BOUGHT
+from designlab.fabrication.seating import BOUGHT, PRINTED, SeatError, thin_walls, walls
 from designlab.fabrication.tables import bill, led_rows, numbered, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
@@ -76,6 +76,7 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "housing": (0.25, 0.26, 0.29, 1.0),
     "lid": (0.36, 0.38, 0.42, 1.0),
     "core_ring": (0.42, 0.36, 0.30, 1.0),
+    "gel_ring": (0.42, 0.36, 0.30, 1.0),
     "camera": (0.10, 0.45, 0.20, 1.0),
     "inserts": (0.80, 0.62, 0.25, 1.0),
     "screws": (0.62, 0.64, 0.67, 1.0),
@@ -234,6 +235,11 @@ def _write(
     meshed = [probe for probe in chosen if probe.file is not None]
     boards = () if made is None else made.boards
     shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None], boards=boards)
+    thickness = walls(design, shapes)
+    thin = thin_walls(thickness)
+    if thin and design.housing.seats is not None and not allow_infeasible:
+        raise SeatError("; ".join(thin))
+    thinnest = min(thickness, key=lambda name: thickness[name].thickness_mm)
     order: list[assembly.Step] = []
     carried: dict[str, list[int]] = {}
     steps = len(shapes) + len(meshed) + len(boards) + 2 + more
@@ -279,6 +285,7 @@ def _write(
         carried = assembly.leds_on(boards, design)
         fitted = assembly.check_contacts(design, together, boards)
         fitted += assembly.check_order(design, together, order, carried)
+        fitted += assembly.check_wires(design, together, boards)
         if allow_infeasible:
             fitted = [check if check.ok else check._replace(ok=True, note=note) for check in fitted]
         checks += fitted
@@ -303,7 +310,9 @@ def _write(
         "led_count": len(bodies(design.leds)),
         "margins_mm": design.margins(),
         "walls": {
-            "thinnest_mm": min(design.housing.wall_mm, design.housing.plate_mm),
+            "thinnest_mm": round(thickness[thinnest].thickness_mm, 2),
+            "thinnest_part": thinnest,
+            "each_mm": {name: round(wall.thickness_mm, 2) for name, wall in thickness.items()},
             "least_mm": MINIMUM_WALL_MM,
             "mould_mm": min(MOULD_WALL_MM, MOULD_FLOOR_MM),
         },
@@ -312,6 +321,7 @@ def _write(
             *(() if made is None else made.notes),
             *(f"{probe_name(p)}: {note}" for p in meshed for note in described[probe_name(p)]["notes"]),
             *_unseated(design, made),
+            *(thin if design.housing.seats is not None else ()),
             *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
@@ -475,7 +485,7 @@ def _printed(design: Design, name: str) -> bool:
     """Whether a part comes from a 3D printer: housing, mould, probes, and a core of resin."""
     if name == "gelcore":
         return material(design.optics.gelcore_material).name.startswith("resin")
-    return name in ("housing", "lid", "core_ring") or name.startswith(("mould", "probe"))
+    return name in PRINTED or name.startswith(("mould", "probe"))
 
 
 def _path(folder: Path, kind: str, name: str) -> Path:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from designlab.core.types import Array
 from designlab.fabrication.boards.drawn import Board
 from designlab.fabrication.checks import FileCheck, overlap_mm3
 from designlab.fabrication.parts import built_leds
-from designlab.fabrication.seating import plates
+from designlab.fabrication.seating import WIRE_MM, WIRE_PLAY_MM, plates, wire_holes, wire_paths
 from designlab.sensor.design import Design
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ GROWN_MM = 0.05
 SWEPT_MM3 = 0.5
 STEP_MM = 2.0
 """Between the places at which a part is tried on its way in: less than any part is long."""
+WIRED_MM3 = 0.01
+TOOLS = ("mould_cavity", "mould_lid")
 PROUD_MM = 3.0  # a part is out of the body when it is so far from it
 
 
@@ -54,6 +57,9 @@ def steps(design: Design, shapes: Mapping[str, "cadquery.Shape"], boards: Sequen
         out = shapes["core_ring"].BoundingBox().zmax - low
         found.append(Step("core_ring", ("core_ring",), ((0.0, 0.0, -out),)))
     found.append(Step("core", ("gelcore", "elastomer"), (gel_out,)))
+    if "gel_ring" in shapes:
+        out = shapes["gel_ring"].BoundingBox().zmax - low
+        found.append(Step("gel_ring", ("gel_ring",), ((0.0, 0.0, -out),)))
     found.append(Step("camera", ("camera",), (_up(20.0),)))
     found.append(Step("lid", ("lid",), (_up(14.0),)))
     found.append(Step("screws", ("screws",), (_up(22.0),)))
@@ -74,6 +80,8 @@ def check_contacts(
         pairs.append((plate.name, "housing", (-plate.normal[0], -plate.normal[1], -plate.normal[2])))
     if "core_ring" in shapes:
         pairs.append(("core_ring", next((p.name for p in plates(boards) if p.ring), "housing"), up))
+    if "gel_ring" in shapes:
+        pairs.append(("gel_ring", "housing", up))
     pairs += [("camera", "housing", down), ("lid", "housing", down), ("lid", "camera", down)]
     if "inserts" in shapes:
         pairs += [("inserts", "housing", aside), ("screws", "inserts", aside)]
@@ -95,6 +103,47 @@ def check_contacts(
     loose = {part for pair in pairs for part in pair[:2]} - reached
     checks.append(FileCheck("assembly", "", "parts that nothing holds", len(loose), 0, "1", not loose))
     return checks
+
+
+def check_wires(
+    design: Design, shapes: Mapping[str, "cadquery.Shape"], boards: Sequence[Board]
+) -> list[FileCheck]:
+    """Sweep a wire with play from every pad of a board out of its hole in the wall, and see what it meets."""
+    found = plates(boards)
+    if not found:
+        return []
+    holes = wire_holes(design, found)
+    housing = design.housing
+    outside = math.sqrt(2.0) * 2 * (housing.inner_radius_mm + housing.wall_mm) + PROUD_MM
+    solid_parts = [shapes[name] for name in shapes if name not in TOOLS]
+    checks = []
+    for plate in found:
+        met = 0.0
+        for path in wire_paths(plate, holes[plate.name], outside):
+            wire = _swept(path, WIRE_MM + WIRE_PLAY_MM)
+            met = max(met, sum(overlap_mm3(wire, part) for part in solid_parts))
+        checks.append(
+            FileCheck(f"{plate.name}/wires", "", "met on their way", met, WIRED_MM3, "mm3", met <= WIRED_MM3)
+        )
+    return checks
+
+
+def _swept(path: Array, diameter_mm: float) -> "cadquery.Shape":
+    """Cylinders along a path, with a ball at each bend."""
+    import cadquery
+
+    pieces: list[cadquery.Shape] = []
+    for start, end in pairwise(path):
+        along = end - start
+        length = float(np.linalg.norm(along))
+        if length < 1e-6:
+            continue
+        at, way = cadquery.Vector(*start), cadquery.Vector(*(along / length))
+        pieces.append(cadquery.Solid.makeCylinder(diameter_mm / 2, length, at, way))
+    for bend in path[1:-1]:
+        ball = cadquery.Solid.makeSphere(diameter_mm / 2, angleDegrees1=-90, angleDegrees2=90)
+        pieces.append(ball.moved(_shift(bend)))
+    return cadquery.Compound.makeCompound(pieces)
 
 
 def contact_mm2(part: "cadquery.Shape", holder: "cadquery.Shape", direction: Vector) -> float:

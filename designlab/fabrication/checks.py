@@ -8,7 +8,7 @@ import numpy as np
 
 from designlab.fabrication.triangles import read
 from designlab.sensor.design import Design
-from geometries.mesh import open_edges, solids
+from geometries.mesh import from_solid, open_edges, solids
 
 if TYPE_CHECKING:
     import cadquery
@@ -18,6 +18,19 @@ VOLUME_SHARE = 0.005
 BOX_MM = 0.05
 STEP_VOLUME_SHARE = 1e-6
 OVERLAP_MM3 = 1.0
+
+
+WALL_SAMPLES, WALL_SEED = 6000, 0
+FACING_DEG = 20.0
+"""Two faces make a wall where they look away from each other to within this angle."""
+WALL_TOLERANCE_MM, WALL_ANGLE_DEG = 0.02, 5.0
+
+
+class Wall(NamedTuple):
+    """Thickness of a wall, and a point on one of its faces (mm)."""
+
+    thickness_mm: float
+    at_mm: tuple[float, float, float]
 
 
 class FileCheck(NamedTuple):
@@ -101,6 +114,32 @@ def overlap_mm3(first: "cadquery.Shape", second: "cadquery.Shape") -> float:
             if not box.wrapped.IsOut(b.BoundingBox().wrapped):
                 total += sum(solid.Volume() for solid in a.intersect(b).Solids())
     return total
+
+
+def thinnest_wall(shape: "cadquery.Shape") -> Wall:
+    """Thinnest wall of a solid: the least way through it between two faces that look away from each other.
+
+    Rays start in the middle of every triangle of its surface and at points strewn over it. Edges between
+    faces that meet at more than `FACING_DEG` are no walls.
+    """
+    import cadquery
+    import trimesh
+
+    mesh = from_solid(
+        cadquery.Workplane().newObject(shape.Solids()),
+        tolerance_mm=WALL_TOLERANCE_MM,
+        angular_tolerance_deg=WALL_ANGLE_DEG,
+    )
+    strewn, faces = trimesh.sample.sample_surface(mesh, WALL_SAMPLES, seed=WALL_SEED)
+    large = np.flatnonzero(mesh.area_faces > 1e-6)
+    points, faces = np.concatenate([mesh.triangles_center[large], strewn]), np.concatenate([large, faces])
+    normals = mesh.face_normals[faces]
+    hits, rays, met = mesh.ray.intersects_location(points - 1e-4 * normals, -normals, multiple_hits=False)
+    through = np.linalg.norm(hits - points[rays], axis=1)
+    wall = (normals[rays] * mesh.face_normals[met]).sum(axis=1) < -np.cos(np.radians(FACING_DEG))
+    thinnest = int(np.argmin(np.where(wall, through, np.inf)))
+    x, y, z = points[rays[thinnest]]
+    return Wall(float(through[thinnest]), (float(x), float(y), float(z)))
 
 
 def require(checks: Iterable[FileCheck]) -> None:

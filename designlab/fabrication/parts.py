@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 SENSOR_PARTS = ("gelcore", "elastomer", "led_array", "housing")
 """Parts of the sensor itself; the others are tools to make and to calibrate it."""
-SEATED_PARTS = ("housing", "lid", "core_ring", "camera", "inserts", "screws")
+SEATED_PARTS = ("housing", "lid", "core_ring", "gel_ring", "camera", "inserts", "screws")
 """Body of a housing with seats, and what such a one adds to the sensor."""
 CASTING_PARTS = ("elastomer", "mould_cavity", "mould_lid")
 """Parts that fill the closed mould."""
@@ -95,7 +95,8 @@ def parts(
     dict of str to cadquery.Shape
         ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid an
         LED), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes. A
-        housing with seats adds ``lid``, ``camera``, ``screws`` and, where needed, ``inserts``, ``core_ring``.
+        housing with seats adds ``lid``, ``camera``, ``screws`` and, where needed, ``inserts``, ``core_ring``,
+        ``gel_ring``.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import textwrap
 import tomllib
 from collections import Counter
@@ -11,8 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.fabrication.boards import Boards
-from designlab.fabrication.seating import BOUGHT, screw_length_mm
+from designlab.fabrication.seating import BOUGHT, WIRE_MM, screw_length_mm
+from designlab.fabrication.seating import PRINTED as PRINTED_PARTS
+from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
+from designlab.sensor.gel_materials import MATERIALS, GelMaterial
 from designlab.sensor.seating import mount
 from geometries.camera_head import screw_places
 from geometries.leds import LedGroup, bodies, emitters
@@ -36,6 +40,11 @@ PRINTED, SMOOTH = Stock(**_STOCK["printed"]), Stock(**_STOCK["smooth"])
 
 CASTING_SURPLUS = 1.3
 """Gel to mix over the gel's volume: overflow, cup and nozzle keep some."""
+BESIDE_GEL_G, LEAST_BATCH_G = 5.0, 10.0
+"""Silicone for bond, coating and test pieces, and the least that is mixed, so that a scale of 0.1 g suffices
+(assumed)."""
+WIRE_M = 0.3
+"""Length of each wire."""
 
 
 def led_rows(design: Design, numbers: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
@@ -87,6 +96,36 @@ def _colours(groups: Sequence[LedGroup]) -> str:
     return f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm"
 
 
+def batch_g(gel_g: float) -> float:
+    """Silicone to mix in all (g), for gel, bond, coating and test pieces, from the mass of the gel."""
+    return max(LEAST_BATCH_G, math.ceil(CASTING_SURPLUS * gel_g + BESIDE_GEL_G))
+
+
+def gel_to_buy(design: Design) -> tuple[GelMaterial | None, bool]:
+    """Silicone that the gel is cast of, and whether the design names it; None where nothing tells it.
+
+    Where the design's own has no mixing ratio, it is the nearest in modulus that cameras have looked through.
+    """
+    contact = design.contact
+    if not isinstance(contact, LayerContact):
+        return None, False
+    own = MATERIALS.get(contact.gel)
+    if own is not None and own.mixing_ratio:
+        return own, True
+    modulus = contact.layer(thickness_mm=design.elastomer.thickness_mm).modulus_mpa
+    mixed = [entry for entry in MATERIALS.values() if entry.mixing_ratio and entry.in_sensors]
+    return min(mixed, key=lambda entry: abs(math.log(entry.modulus_mpa / modulus))), False
+
+
+def mixed_masses(ratio: str, batch: float) -> str:
+    """Masses of the parts of a batch (g) by a ratio such as ``A : B 10:1``; empty where it has no numbers."""
+    found = re.search(r"\d+(?:\.\d+)?(?::\d+(?:\.\d+)?)+", ratio)
+    if found is None:
+        return ""
+    shares = [float(share) for share in found.group().split(":")]
+    return _listed([f"{batch * share / sum(shares):.1f} g" for share in shares])
+
+
 def bill(
     design: Design, shapes: Mapping[str, "cadquery.Shape"], made: Boards | None = None
 ) -> list[dict[str, Any]]:
@@ -105,12 +144,18 @@ def bill(
             stock = CLEAR_STOCK[clear[name]]
         volume = shape.Volume() / 1000
         note = f"density {stock.density_g_ml:g} g/ml ({stock.source})"
+        note = f"{note}; mass of a solid print, an open infill weighs less" if name in PRINTED_PARTS else note
         rows.append(_row(name, 1, stock.material, volume, volume * stock.density_g_ml, note))
     gel = next(row for row in rows if row["item"] == "elastomer")
-    gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
-    coating = f"reflective coating, {_membrane_area_mm2(shapes['elastomer']):.0f} mm2"
+    gel["note"] += "; cast of the silicone below"
+    coating = f"reflective coating, {_membrane_area_mm2(shapes['elastomer']):.0f} mm²"
     albedo = ", ".join(f"{value:.2g}" for value in design.per_group("membrane_albedo"))
     rows.append(_row("membrane", 1, coating, None, None, f"pigment in silicone; reflectance {albedo}"))
+    silicone, named = gel_to_buy(design)
+    name = "clear silicone" if silicone is None else f"{silicone.name}, {silicone.mixing_ratio}"
+    text = "for gel, bond, coating and test pieces"
+    text += "" if named else "; the design names none with a ratio: assumed"
+    rows.append(_row("silicone", 1, f"{name}: {batch_g(gel['mass_g']):g} g mixed", None, None, text))
     leds = design.leds
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
     packages = Counter(body.groups for body in bodies(leds))
@@ -129,19 +174,25 @@ def bill(
             count = sum(place.groups == held for board in made.boards for place in board.blank.places)
             lit = _listed([made.channels[index].colour for index in held])
             number = f"{channel.part.maker} {channel.number}".strip()
-            text = f"{number}, lit in {lit}; the design has {text}"
-            note = f"come on the LED boards; {note}"
+            size = channel.part.size_mm
+            outside = (
+                "" if size is None else f", {' x '.join('?' if v is None else f'{v:g}' for v in size)} mm"
+            )
+            text = f"{number}{outside}, lit in {lit}"
+            note = f"come on the LED boards; {note}; light in the design: {flux}; that of the boards differs"
         rows.append(_row(led_item(design, held), count, text, None, None, note))
     camera = design.camera
     text = (
-        f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g} deg horizontal, "
+        f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g}° horizontal, "
         f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
     )
     place = ", ".join(f"{value:g}" for value in camera.position_mm)
     if "camera" in shapes:
         text = f"{mount(design).board.title}, {text}"
     look = (
-        "looks along -z" if camera.mirror is None else "looks into the mirror; its picture comes out turned"
+        "looks down at the gel"
+        if camera.mirror is None
+        else "looks into the mirror; its picture comes out turned"
     )
     rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, {look}"))
     if (mirror := camera.mirror) is not None:
@@ -150,11 +201,13 @@ def bill(
         normal = ", ".join(f"{value:.4g}" for value in mirror.axes[2] + 0.0)
         rows.append(_row("mirror", 1, text, None, None, f"middle at ({centre}) mm, faces ({normal})"))
     if design.housing.seats is not None:
-        rows += _fasteners(design, shapes)
+        rows += _fasteners(design, shapes, made)
     return rows
 
 
-def _fasteners(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
+def _fasteners(
+    design: Design, shapes: Mapping[str, "cadquery.Shape"], made: Boards | None
+) -> list[dict[str, Any]]:
     """Rows of what is bought to put a housing with seats together."""
     camera, rows = mount(design), []
     count = len(screw_places(camera))
@@ -162,10 +215,21 @@ def _fasteners(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[d
     rows.append(_row("screws", count, screw, None, None, "hold lid and camera"))
     if "inserts" in shapes:
         rows.append(
-            _row("inserts", count, camera.fastener.insert_title, None, None, "in the body, under the screws")
+            _row(
+                "inserts", count, camera.fastener.insert_title, None, None, "in the housing, under the screws"
+            )
         )
+    groups = len(design.leds.groups)
+    pins = 2 * groups if made is None else sum(len(board.pins) for board in made.boards)
+    told = {
+        "core": CLEAR_STOCK[design.optics.gelcore_material].material,
+        "wire_mm": WIRE_MM,
+        "wire_m": WIRE_M * pins,
+        "colours": groups + 1,
+    }
     for item, entry in _STOCK["consumables"].items():
-        rows.append(_row(item, 1, entry["material"], None, None, entry["note"]))
+        count = groups if item == "switches" else 1
+        rows.append(_row(item, count, entry["material"].format(**told), None, None, entry["note"]))
     return rows
 
 
@@ -216,7 +280,11 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         core=CLEAR_STOCK[design.optics.gelcore_material].material,
         finish=design.gelcore.side_finish,
         gel_ml=gel["volume_ml"],
-        mix_g=CASTING_SURPLUS * gel["mass_g"],
+        mix_g=batch_g(gel["mass_g"]),
+        thinnest_part=manifest["walls"]["thinnest_part"],
+        probes=" (probes in their own)"
+        if any(name.startswith("probe") for name in manifest["parts"])
+        else "",
         coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
         boards=_STOCK["boards"]["made" if manifest["boards"] else "none"],
         seats=_STOCK["seats"]["none" if design.housing.seats is None else "made"],

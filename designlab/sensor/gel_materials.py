@@ -27,6 +27,8 @@ class GelMaterial(Spec):
     """Shore hardness with its scale, such as ``OO 30`` or ``A 10``; unknown when empty."""
     mixing_ratio: str = ""
     """Ratio in which the parts are mixed; unknown when empty."""
+    in_sensors: bool = False
+    """Whether its source is a camera-based tactile sensor, whose camera looks through it."""
     method: GelMethod
     """How the modulus was found: by a tensile or compression test, a fit to forces of a ball on a layer, a
     chart of hardness; or only stated by users."""

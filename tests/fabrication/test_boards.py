@@ -284,12 +284,21 @@ def test_leds_stand_where_the_design_has_them(name: str) -> None:
 def test_bill_and_placement_name_the_same_parts(name: str) -> None:
     found = drawn(name)
     for board in found.boards:
-        billed = [d for row in orders.bill_rows(board) for d in row["Designator"].split(",")]
+        rows = orders.bill_rows(board)
+        fitted = [row for row in rows if not row["DNP"]]
+        billed = [d for row in fitted for d in row["Designator"].split(",")]
         listed = [row["Designator"] for row in orders.placement_rows(board)]
         assert sorted(billed) == sorted(listed)
         assert len(set(listed)) == len(listed)
-        assert sum(row["Quantity"] for row in orders.bill_rows(board)) == len(listed)
+        assert sum(row["Quantity"] for row in fitted) == len(listed)
+        # Only the connector stays off, and the specification counts what is fitted.
+        assert {row["Designator"] for row in rows if row["DNP"]} <= {"J1"}
         text = orders.specification(board, found.channels)
+        assert int(re.search(r"^parts +(\d+)", text, re.MULTILINE).group(1)) == len(listed)  # type: ignore[union-attr]
+        assert "electrical truth" not in text
+        parts = [found.channels[g].part for place in board.blank.places for g in place.groups]
+        unsure = any({"land", "anode", "cathode"} & {*part.assumed} for part in parts)
+        assert ("compare pads and pins" in text) == unsure
         assert "black" in text
         assert f"{board.thickness_mm:g} mm" in text
         assert all(net in text for net in board.pins)

@@ -269,13 +269,15 @@ def test_bill_of_materials(exports: dict[str, Path]) -> None:
     gel_ml = np.sqrt(3) / 2 * 26**2 * 2 / 1000
     assert float(rows["elastomer"]["volume_ml"]) == pytest.approx(gel_ml, abs=1e-4)
     assert float(rows["elastomer"]["mass_g"]) == pytest.approx(1.03 * gel_ml, abs=1e-3)
-    assert f"{np.sqrt(3) / 2 * 26**2:.0f} mm2" in rows["membrane"]["material"]
+    assert f"{np.sqrt(3) / 2 * 26**2:.0f} mm²" in rows["membrane"]["material"]
     assert [rows[f"led_{name}"]["count"] for name in ("red", "green", "blue")] == ["3", "3", "3"]
-    assert "10 mW each" in rows["led_red"]["material"]
+    # What is bought is one part; the design's own light is a note beside it.
+    assert rows["led_red"]["material"].endswith("1.6 x 1.6 x 0.7 mm, lit in red")
+    assert "light in the design: 10 mW each" in rows["led_red"]["note"]
     with (exports["gelsight-2020-flat"] / "bom.csv").open(encoding="utf-8") as file:
         relative = next(row for row in csv.DictReader(file) if row["item"] == "led_red")
-    assert "relative, no power is known" in relative["material"]
-    assert "mW" not in relative["material"]
+    assert "relative, no power is known" in relative["material"] + relative["note"]
+    assert "mW" not in relative["material"] + relative["note"]
     assert set(CLEAR_STOCK) == set(MATERIALS)
 
 

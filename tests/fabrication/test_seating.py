@@ -4,6 +4,9 @@ import csv
 import json
 import math
 import re
+import shlex
+import tomllib
+from collections import Counter
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -12,22 +15,36 @@ import cadquery
 import numpy as np
 import pytest
 from OCP.BRepAdaptor import BRepAdaptor_Surface
+from shapely.geometry import MultiPoint, Polygon
 
 from designlab.app import cli
+from designlab.app.cli import arguments
 from designlab.fabrication import Built, assembly, boards, export
 from designlab.fabrication.boards import Board, orders
 from designlab.fabrication.boards.files import bill_row
 from designlab.fabrication.boards.orders import solid
-from designlab.fabrication.checks import overlap_mm3
+from designlab.fabrication.checks import Wall, overlap_mm3, thinnest_wall
 from designlab.fabrication.parts import built_leds, parts
-from designlab.fabrication.seating import SeatError, plates, screw_length_mm
-from designlab.fabrication.tables import bill, numbered
+from designlab.fabrication.seating import (
+    SeatError,
+    gel_ring,
+    plates,
+    screw_length_mm,
+    thin_walls,
+    walls,
+    wire_holes,
+    wire_paths,
+)
+from designlab.fabrication.tables import bill, gel_to_buy, mixed_masses, numbered
 from designlab.fabrication.triangles import THINNING_MM, read
 from designlab.report import build_guide
 from designlab.sensor import seating
-from designlab.sensor.design import Design, preset
-from geometries import camera_head
+from designlab.sensor.design import Design, dumps, load, preset
+from designlab.sensor.refraction import apparent_distance_mm
+from geometries import camera_head, elastomer, gelcore
+from geometries.blocks import ring
 from geometries.leds import bodies
+from geometries.mesh import from_solid
 
 SEATED = ("default", "gelsight-mini-like", "gelsight-2020-dome-core-elastic", "pbr-fingertip-like")
 Shapes = dict[str, cadquery.Shape]
@@ -237,6 +254,156 @@ def ring_seat(board: Board, body: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array([0.0, 0.0, height]), turned @ frame
 
 
+# ---------------------------------------------------------------- wires
+
+
+@pytest.mark.slow
+def test_every_wire_passes_from_its_pad_out_of_the_housing(sensor: Any) -> None:
+    design, made, shapes = sensor
+    checks = assembly.check_wires(design, shapes, made)
+    assert [check.part for check in checks] == [f"{board.name}/wires" for board in made]
+    assert [check for check in checks if not check.ok] == []
+    # By rays alone: straight from each pad's back no wall is met, or of a level board only the plate above.
+    found = plates(made)
+    holes = wire_holes(design, found)
+    body = from_solid(cadquery.Workplane().newObject(shapes["housing"].Solids()), tolerance_mm=0.02)
+    for plate in found:
+        for path in wire_paths(plate, holes[plate.name], 60.0):
+            assert float(np.hypot(*path[-1][:2])) > design.housing.inner_radius_mm + design.housing.wall_mm
+            starts, ways = path[:-1], np.diff(path, axis=0)
+            hits, rays, _ = body.ray.intersects_location(starts, ways)
+            lengths = np.linalg.norm(ways, axis=1)
+            assert not any(
+                np.linalg.norm(h - starts[r]) < lengths[r] for h, r in zip(hits, rays, strict=True)
+            )
+
+
+@pytest.mark.slow
+def test_no_hole_for_wires_opens_into_the_camera_s_view(sensor: Any) -> None:
+    """The collar between camera and window is whole: all of its wall is in the housing."""
+    design, _, shapes = sensor
+    collar = seating.inside(design).collar  # type: ignore[union-attr]
+    assert collar is not None
+    wall = ring(collar).val()
+    assert overlap_mm3(wall, shapes["housing"]) == pytest.approx(wall.Volume(), rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("away_mm", [1.0, 3.0, 6.0])
+def test_what_stands_in_the_way_of_a_wire_is_found(away_mm: float) -> None:
+    design = preset("default")
+    made = boards.boards(design).boards
+    shapes = parts(design, boards=made) | {board.name: solid(board) for board in made}
+    hole = wire_holes(design, plates(made))["board_green"]
+    at = np.array(hole.start) + away_mm * np.array(hole.way)
+    plug = cadquery.Workplane("XY", origin=tuple(at)).sphere(1.8).val()
+    shapes["housing"] = cadquery.Compound.makeCompound([shapes["housing"], plug])
+    failed = {check.part for check in assembly.check_wires(design, shapes, made) if not check.ok}
+    assert failed == {"board_green/wires"}
+
+
+# ---------------------------------------------------------------- walls, and the ring around the gel
+
+
+@pytest.mark.parametrize(("inner_mm", "outer_mm"), [(5.0, 5.6), (8.0, 9.2), (10.0, 12.5)])
+def test_the_thinnest_wall_of_a_tube_is_its_own(inner_mm: float, outer_mm: float) -> None:
+    tube = cadquery.Workplane("XY").circle(outer_mm).circle(inner_mm).extrude(20)
+    wall = thinnest_wall(tube.val())
+    assert wall.thickness_mm == pytest.approx(outer_mm - inner_mm, abs=0.03)
+    assert inner_mm - 0.03 < math.hypot(*wall.at_mm[:2]) < outer_mm + 0.03
+
+
+@pytest.mark.parametrize("floor_mm", [0.4, 0.9, 1.7])
+def test_a_thin_floor_is_a_wall_and_a_chamfer_is_none(floor_mm: float) -> None:
+    block = cadquery.Workplane("XY").box(20, 20, 10, centered=(True, True, False)).faces(">Z").chamfer(1.0)
+    pit = cadquery.Workplane("XY", origin=(0, 0, floor_mm)).rect(6, 6).extrude(20)
+    assert thinnest_wall(block.cut(pit).val()).thickness_mm == pytest.approx(floor_mm, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_every_wall_of_the_printed_parts_closes_in_common_printers(sensor: Any) -> None:
+    design, _, shapes = sensor
+    found = walls(design, shapes)
+    assert {"housing", "lid"} <= set(found)
+    assert thin_walls(found) == []
+    assert min(wall.thickness_mm for wall in found.values()) > 0.78
+    # No wall is thinner than what is told of its part, as horizontal sections of it show.
+    mesh = from_solid(cadquery.Workplane().newObject(shapes["housing"].Solids()), tolerance_mm=0.02)
+    thinner = (found["housing"].thickness_mm - 0.06) / 2
+    for height in np.linspace(design.housing.bottom_mm + 0.4, design.housing.top_mm - 0.4, 9):
+        cut = mesh.section(plane_origin=[0, 0, height], plane_normal=[0, 0, 1])
+        onto = np.eye(4)
+        onto[2, 3] = -height
+        flat, _ = cut.to_2D(to_2D=onto)
+        for shape in flat.polygons_full:
+            lost = shape.difference(shape.buffer(-thinner).buffer(thinner * 1.02, quad_segs=16))
+            # What is lost at corners is small and thin; a lost wall would be as wide as its thickness.
+            assert lost.buffer(-0.45 * thinner).area < 0.05
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(("part", "thickness_mm"), [("housing", 0.59), ("lid", 0.7), ("gel_ring", 0.3)])
+def test_a_wall_too_thin_is_told_by_part_value_and_rule(part: str, thickness_mm: float) -> None:
+    found = {part: Wall(thickness_mm, (1.0, 2.0, 3.0)), "other": Wall(0.8, (0.0, 0.0, 0.0))}
+    (said,) = thin_walls(found)
+    assert said.startswith(
+        f"{part}: its thinnest wall is {thickness_mm:g} mm, near (1.0, 2.0, 3.0) mm; 0.8 mm or more"
+    )
+    assert "housing.wall_mm" in said
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"housing.wall_mm": 1.0}, ["housing.wall_mm", "1 mm", "1.2 mm or more"]),
+        ({"housing.bottom_mm": 3.4}, ["housing.bottom_mm", "3.4 mm", "0.8 mm or more must be"]),
+        ({"housing.bottom_mm": 3.1, "leds.height_mm": 5.8}, ["housing.bottom_mm", "3.1 mm"]),
+    ],
+)
+def test_a_ring_around_the_gel_without_room_is_refused(changes: dict[str, Any], named: list[str]) -> None:
+    design = preset("default").replace(changes)
+    with pytest.raises(SeatError) as refused:
+        gel_ring(design, plates(boards.boards(design).boards))
+    assert all(word in str(refused.value) for word in named), refused.value
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(("inner_mm", "wall_mm"), [(15.5, 1.2), (15.6, 1.3), (15.2, 1.5)])
+def test_a_ring_too_thin_at_the_gel_s_corners_is_refused(inner_mm: float, wall_mm: float) -> None:
+    design = preset("default").replace({"housing.inner_radius_mm": inner_mm, "housing.wall_mm": wall_mm})
+    with pytest.raises(
+        SeatError, match=r"housing\.inner_radius_mm: .* 0\.8 mm or more must be; give"
+    ) as refused:
+        gel_ring(design, [])
+    enough = float(str(refused.value).split("give ")[1].split(" mm")[0]) + 0.01
+    assert gel_ring(design.replace({"housing.inner_radius_mm": enough}), []) is not None
+
+
+@pytest.mark.parametrize("name", SEATED[:3])
+def test_the_ring_closes_the_bore_around_the_gel_and_lies_below_the_light(name: str) -> None:
+    design = preset(name)
+    made, housing, gap = boards.boards(design).boards, design.housing, design.housing.seats.gap_mm  # type: ignore[union-attr]
+    found = gel_ring(design, plates(made))
+    assert found is not None
+    gel = MultiPoint([*elastomer.polygon(design.elastomer), *gelcore.polygon(design.gelcore)]).convex_hull
+    hole = Polygon(found.hole)
+    assert hole.contains(gel)
+    assert hole.hausdorff_distance(gel) < 1.5 * gap  # all that is open is the gap
+    assert found.outer_mm > housing.inner_radius_mm
+    assert found.outer_mm + gap <= housing.inner_radius_mm + housing.wall_mm - 0.8 + 1e-9
+    assert found.high_mm - found.low_mm >= 0.8
+    lowest = min(body.centre_mm[2] - max(body.half_mm) for body in bodies(design.leds))
+    assert housing.bottom_mm <= found.low_mm < found.high_mm < lowest
+    # It is no higher than where gel and core begin, or lies beside the gel alone.
+    assert found.high_mm <= max(design.elastomer.thickness_mm, 4.0)
+
+
+def test_under_a_ring_of_leds_the_core_s_own_ring_closes_the_bore() -> None:
+    design = preset("pbr-fingertip-like")
+    assert gel_ring(design, plates(boards.boards(design).boards)) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["gelcore", "camera", "lid"])
 def test_a_part_away_from_its_seat_is_found(part: str) -> None:
@@ -305,15 +472,171 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
-def test_every_part_of_the_bill_is_in_a_step_of_each_guide_and_the_other_way_round(sensor: Any) -> None:
+def built_of(sensor: Any) -> Built:
+    """What an export would have built of a sensor."""
     design, made, shapes = sensor
     whole = boards.boards(design)
     own = {name: shape for name, shape in shapes.items() if not name.startswith("board")}
     bought = numbered([*bill(design, own, whole), *map(bill_row, made)])
     order, carried = assembly.steps(design, shapes, made), assembly.leds_on(made, design)
     told = {"bom": bought, "drive": [channel.told() for channel in whole.channels]}
-    built = Built(design, shapes, built_leds(design, made), order, carried, whole, told)
+    return Built(design, shapes, built_leds(design, made), order, carried, whole, told)
+
+
+def all_text(found: Any) -> list[str]:
+    """Every sentence, table cell and caption of a guide."""
+    texts = [line for chapter in found for line in chapter.text]
+    texts += [str(cell) for chapter in found for row in chapter.rows for cell in (*row, *row.values())]
+    texts += [caption for chapter in found for _, caption in chapter.pictures]
+    for step in (step for chapter in found for step in chapter.steps):
+        texts += [step.title, *step.text, *(caption for _, caption in step.pictures)]
+    return texts
+
+
+@pytest.mark.slow
+def test_commands_of_the_guide_run_on_what_init_makes(
+    sensor: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = build_guide.chapters(built_of(sensor), drawn=False)
+    quoted = [text for line in all_text(found) for text in re.findall(r"`(designlab [^`]+)`", line)]
+    commands = [shlex.split(text)[1:] for text in quoted if " " in text[10:]]
+    assert [command[0] for command in commands] == ["init", "import", "compare", "calibrate", "calibrate"]
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(commands[0]) == 0
+    assert f"--preset {sensor[0].name}" in " ".join(commands[0])
+    (tmp_path / "sensor" / "design.toml").write_text(dumps(sensor[0]), encoding="utf-8")
+    template = tmp_path / "sensor" / "measurement" / "measurement.toml"
+    assert load(tmp_path / "sensor" / "design.toml").digest == sensor[0].digest
+    there = {"sensor/design.toml", "sensor/measurement"}
+    assert all((tmp_path / path).exists() for path in there)
+    for command in commands[1:]:
+        args = vars(arguments.parser().parse_args(command))
+        used = {text for text in command if text.startswith("sensor/")}
+        assert used - {args["out"]} <= there, command
+        there |= {args["out"]}
+    # The files that are named exist, and the pictures that are asked for are those of the template.
+    named = {path for line in all_text(found) for path in re.findall(r"`(sensor/[^` ]+)`", line)}
+    assert all((tmp_path / path).exists() for path in named), named
+    frames = tomllib.loads(template.read_text(encoding="utf-8"))["frame"]
+    kinds = Counter((frame["kind"], "leds" in frame) for frame in frames)
+    assert set(kinds) == {
+        ("dark", True),
+        ("background", True),
+        ("background", False),
+        ("light_probe", False),
+        ("press", False),
+    }
+    balls = {frame["probe"] for frame in frames if "probe" in frame}
+    assert balls == {"sphere:4.0"}
+    assert any("ball of a bearing, 4 mm" in text for text in all_text(found))
+
+
+@pytest.mark.slow
+def test_the_guide_says_where_each_board_and_its_wires_go_and_in_which_order(sensor: Any) -> None:
+    _, made, _ = sensor
+    steps = build_guide.steps(built_of(sensor), drawn=False)
+    titles = [step.title for step in steps]
+    assert titles.index("Bond the gel to the gelcore") < titles.index("Coat the membrane")
+    assert titles.index("Try and focus the camera") < titles.index("Lay the camera in")
+    for board in made:
+        (text,) = [" ".join(step.text) for step in steps if step.title == f"Put {board.name} in"]
+        assert (
+            text.lower().index("thread")
+            < text.index("sealant")
+            < max(text.find("Slide it in"), text.find("Push it"), text.find("Bring it"))
+        )
+    connect = " ".join(next(step.text for step in steps if step.title == "Connect the LEDs"))
+    total = sum(
+        d["current_ma"] * sum(k in p.groups for b in made for p in b.blank.places) / d["in_series"]
+        for k, d in enumerate(built_of(sensor).manifest["drive"])
+    )
+    limit = int(re.search(r"limit to (\d+) mA", connect).group(1))  # type: ignore[union-attr]
+    assert total < limit < 1.4 * total + 1
+
+
+@pytest.mark.slow
+def test_units_and_quantities_of_guide_and_bill_are_written_out(sensor: Any) -> None:
+    built = built_of(sensor)
+    found = build_guide.chapters(built, drawn=False)
+    for text in all_text(found):
+        assert not re.search(r"mm2|mm3|\d um\b|\d C\b|\d deg C|mass_g|upper body|\b[Bb]ody\b", text), text
+    # What is bought by the amount states it.
+    for row in built.manifest["bom"]:
+        if row["item"] in STOCK_ITEMS:
+            assert re.search(r"\d", row["material"]) or row["count"] > 1 or row["item"] == "computer", row
+    camera = " ".join(next(chapter.text for chapter in found if chapter.title == "Camera settings"))
+    design, board = sensor[0], seating.mount(sensor[0]).board
+    assert f"--mode {design.camera.width_px}:{design.camera.height_px}:{board.raw_bits}" in camera
+    assert "µs" in camera
+    seen = apparent_distance_mm(design.layers_to_camera(0.0)) - board.lens_height_mm + board.pupil_mm
+    assert f"{seen:.3g} mm before the front of the lens" in camera
+
+
+STOCK_ITEMS = (
+    "silicone",
+    "pigment",
+    "solvent",
+    "isopropanol",
+    "masking",
+    "primer",
+    "lacquer",
+    "paint",
+    "adhesive",
+    "wire",
+    "switches",
+    "tape",
+    "computer",
+    "ribbon",
+    "grey_card",
+    "ball",
+)
+
+
+@pytest.mark.parametrize(
+    ("gel", "named", "in_sensors"),
+    [
+        ("gelsight-mini", False, True),
+        ("xp-565", False, True),
+        ("dragon-skin-20", True, False),
+        ("solaris-slacker-1-1-1", True, True),
+    ],
+)
+def test_a_silicone_that_the_program_chooses_is_one_that_cameras_look_through(
+    gel: str, named: bool, in_sensors: bool
+) -> None:
+    silicone, own = gel_to_buy(preset("default").replace({"contact.gel": gel}))
+    assert silicone is not None
+    assert (own, silicone.in_sensors) == (named, in_sensors)
+    assert silicone.mixing_ratio
+
+
+@pytest.mark.parametrize(
+    ("ratio", "masses"),
+    [
+        ("1:1", "5.0 g and 5.0 g"),
+        ("10:1", "9.1 g and 0.9 g"),
+        ("Solaris A : B : Slacker 1:1:2 by mass", "2.5 g, 2.5 g and 5.0 g"),
+        ("by its sheet", ""),
+    ],
+)
+def test_masses_of_a_batch_follow_from_the_ratio(ratio: str, masses: str) -> None:
+    assert mixed_masses(ratio, 10.0) == masses
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "said"),
+    [(1.0, 0.0, "3 o'clock"), (0.0, 1.0, "12 o'clock"), (-1.0, -1.0, "7.5 o'clock"), (0.0, 0.0, "all sides")],
+)
+def test_where_a_picture_is_brightest_is_told_by_the_clock(x: float, y: float, said: str) -> None:
+    row, column = np.mgrid[0:40, 0:40]
+    light = (1.0 + 0.5 * (x * (column - 19.5) - y * (row - 19.5)) / 20).astype(np.float32)
+    assert said in build_guide._brightest(light)
+
+
+@pytest.mark.slow
+def test_every_part_of_the_bill_is_in_a_step_of_each_guide_and_the_other_way_round(sensor: Any) -> None:
+    built = built_of(sensor)
+    bought = built.manifest["bom"]
     found = build_guide.chapters(built, drawn=False)
     steps = next(chapter.steps for chapter in found if chapter.steps)
     assert {part for step in steps for part in step.parts} == {row["part"] for row in bought}
@@ -324,7 +647,7 @@ def test_every_part_of_the_bill_is_in_a_step_of_each_guide_and_the_other_way_rou
         number for number, title in enumerate(titles) if title.startswith("Put board")
     )
     text = " ".join(line for chapter in found for line in chapter.text)
-    for word in ("Degas", "Cure", "Mix", "pigment", "3D printer", "Focus", "designlab init", "nozzle"):
+    for word in ("Degas", "Cure", "Mix", "pigment", "3D printer", "Focus", "designlab init", "nozzle", "pip"):
         assert word in text
     assert not re.search(r"[{}]", text + " ".join(line for step in steps for line in step.text))
 
@@ -472,6 +795,11 @@ def test_what_cannot_be_seated_is_refused_before_anything_is_written(
         ({"camera.body_radius_mm": 2.0}, [], ["housing.seats.camera", "its lens", "violated by 3.5 mm"]),
         ({"camera.position_mm": (0.0, 0.0, 21.5)}, [], ["camera_board_above_plate", "5 mm or more"]),
         ({"housing.inner_radius_mm": 14.0}, [], ["core_inside_housing", "violated by 1.01 mm"]),
+        (
+            {"housing.wall_mm": 1.1},
+            [],
+            ["housing.wall_mm", "1.1 mm", "ring around the gel", "1.2 mm or more"],
+        ),
     ],
 )
 def test_bad_input_names_part_value_and_rule_and_leaves_nothing(
@@ -504,4 +832,11 @@ def test_the_guide_has_its_pages_and_the_expected_picture(folder: Path, tmp_path
     assert "guide/first-picture.png" in manifest["files"]
     drawn = list((out / "guide").glob("step-*.png"))
     assert drawn or any("no pictures" in warning for warning in manifest["warnings"])
-    assert text.count("![") == len(drawn) + (2 if drawn else 1)
+    colours = len(design.leds.groups)
+    assert len(list((out / "guide").glob("first-picture-*.png"))) == colours
+    assert text.count("![") == len(drawn) + (2 if drawn else 1) + colours
+    # A step's picture has the number of the step.
+    for number, name in re.findall(
+        r"^### (\d+)\. .*?\n(?:(?!^###).*\n)*?!\[.*\]\(guide/step-(\d+)", text, re.MULTILINE
+    ):
+        assert int(number) == int(name)

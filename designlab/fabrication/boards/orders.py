@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     import cadquery
 
 SAME_MM = 1e-6
+HOLES_FOR = {
+    "ring": "for pegs of a housing with seats, or screws M1.6",
+    "strip": "for screws M1.6; a housing with seats leaves them empty, glue holds the board",
+}
 PLACED = ("led", "resistor", "connector")
 """Kinds of components that are bought and placed; wire pads are copper only."""
 
@@ -29,8 +33,13 @@ def placed(board: Board) -> list[Component]:
     return [component for component in board.components if component.kind in PLACED]
 
 
+def fitted(board: Board) -> list[Component]:
+    """Components that the maker of the board places: all but the connector, whose holes stay open."""
+    return [component for component in placed(board) if component.kind != "connector"]
+
+
 def bill_rows(board: Board) -> list[dict[str, Any]]:
-    """Bill of materials of one board: one row a part, with its designators."""
+    """Bill of materials of one board: one row a part, with its designators; DNP is what stays off."""
     rows: dict[tuple[str, ...], list[str]] = {}
     for component in placed(board):
         key = (component.kind, component.value, component.maker, component.number, component.land.name)
@@ -43,13 +52,14 @@ def bill_rows(board: Board) -> list[dict[str, Any]]:
             "Footprint": land,
             "Manufacturer": maker,
             "Part number": number,
+            "DNP": "do not populate: wires are soldered here" if kind == "connector" else "",
         }
-        for (_, value, maker, number, land), designators in rows.items()
+        for (kind, value, maker, number, land), designators in rows.items()
     ]
 
 
 def placement_rows(board: Board) -> list[dict[str, Any]]:
-    """Pick and place: middle and turn of every part, counter-clockwise, seen from the front."""
+    """Pick and place: middle and turn of every fitted part, counter-clockwise, seen from the front."""
     return [
         {
             "Designator": component.designator,
@@ -58,7 +68,7 @@ def placement_rows(board: Board) -> list[dict[str, Any]]:
             "Layer": component.side,
             "Rotation": round(component.turn_deg % 360.0, 3) % 360.0,
         }
-        for component in placed(board)
+        for component in fitted(board)
     ]
 
 
@@ -93,14 +103,19 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
         f"finish         {stock['finish']}",
         f"least track    {TRACK_MM:g} mm, least clearance {CLEARANCE_MM:g} mm, copper to edge {EDGE_MM:g} mm",
         f"holes          vias {VIA_DRILL_MM:g} mm in {VIA_MM:g} mm of copper, tented; "
-        + (f"{len(board.holes)} of {HOLE_MM:g} mm without copper, for M1.6" if board.holes else "no others"),
+        + (
+            f"{len(board.holes)} of {HOLE_MM:g} mm without copper, {HOLES_FOR[board.blank.kind]}"
+            if board.holes
+            else "no others"
+        ),
         "origin         one for Gerber, drill and placement files: "
         + {
             "ring": "the sensor's axis",
             "strip": "the middle of the LEDs",
             "flex": "the left end of the line of LEDs",
         }[board.blank.kind],
-        f"parts          {len(placed(board))}; placement is seen from the front, turns are counter-clockwise",
+        f"parts          {len(fitted(board))}, the connector left out; placement is seen from the front, "
+        "turns are counter-clockwise",
         f"connector      pads in order: {', '.join(board.pins)}; {channels[0].supply_v:g} V at V+, switch "
         "the others to ground",
         "",
@@ -124,7 +139,14 @@ def specification(board: Board, channels: Sequence[Channel]) -> str:
                 f"({100 * (channel.flux_mw / channel.wanted_mw - 1):+.1f} %: next value of E24)"
             )
         if channel.note:
-            lines.append(f"  no electrical truth: {channel.note}")
+            lines.append(f"  brightness unknown: {channel.note}")
+    for name in dict.fromkeys(channels[group].name for group in groups):
+        part = next(channel.part for channel in channels if channel.name == name)
+        if told := [field for field in part.assumed if field in ("land", "anode", "cathode")]:
+            lines.append(
+                f"{part.number}: {', '.join(told)} assumed; compare pads and pins with its data sheet before "
+                "ordering. The white bar stands at the cathode; pad 1 is in the nets file"
+            )
     if flexible:
         folds = ", ".join(f"{high:.2f}" for _, high in board.blank.facets[:-1])
         lines += ["", f"bend at x = {folds} mm, around the gelcore, the LEDs inside"]

@@ -86,7 +86,12 @@ def _side(
             _led(axis, component, colours)
         elif component.kind == "resistor":
             _fill(axis, seen(component.body), BODY, 4, alpha=0.75)
+    for part in board.components:
+        if part.kind == "connector":
+            x, y = seen(part.body).exterior.xy
+            axis.plot(x, y, color=TRACKS, linewidth=0.8, zorder=5)
     covered = [*pads, seen(board.outline.boundary)]
+    covered += [seen(via.shape) for via in board.vias]
     covered += [seen(Point(x, y).buffer(diameter / 2)) for x, y, diameter in board.holes]
     if layer == 0:
         covered += [LineString(led.mark).buffer(MARK_MM) for led in parts if led.kind == "led"]
@@ -98,7 +103,7 @@ def _side(
     wanted = [(c.designator, seen(c.body)) for c in parts if c.kind in ("led", "resistor")]
     for part in board.components:
         if part.kind == "connector" and part.side == side:
-            wanted.append((part.designator, seen(part.body)))
+            wanted.append((part.designator, seen(part.body).boundary))
         if part.kind in ("connector", "wire") and (part.side == side or part.kind == "connector"):
             wanted += [(pad.net, seen(pad.shape)) for pad in part.pads]
     _labels(axis, wanted, covered, seen(board.outline), points)

@@ -132,7 +132,7 @@ def _draw(
         if edges.n_cells:
             plotter.add_mesh(edges, color="#20242b", line_width=1.5, opacity=max(opacity, 0.6))
         if arrow:
-            _arrow(plotter, np.asarray(stored[f"{name}.vertices"]), np.asarray(away), view)
+            _arrow(plotter, mesh, np.asarray(away), view)
     focus, reach = (low + high) / 2, float(np.linalg.norm(high - low))
     plotter.camera.focal_point = focus
     plotter.camera.position = focus + 5 * reach * view
@@ -151,15 +151,15 @@ def _draw(
     plotter.close()
 
 
-def _arrow(plotter: Any, at_place: Any, away: Any, view: Any) -> None:
-    """Arrow beside a part, from where it is drawn towards its place, before all that is drawn."""
+def _arrow(plotter: Any, drawn: Any, away: Any, view: Any) -> None:
+    """Arrow from the middle of a part, as it is drawn, towards its place, before all else.
+
+    Of several pieces that go in together, it starts at the largest or first.
+    """
     import pyvista
 
     length = float(np.linalg.norm(away))
-    side = np.array([np.cos(np.radians(AZIMUTH_DEG + 90)), np.sin(np.radians(AZIMUTH_DEG + 90)), 0.0])
-    aside = float((at_place @ side).max()) + 4.0
-    middle = at_place.mean(axis=0)
-    start = middle + away + (aside - float(middle @ side)) * side + NEAR_MM * view
+    start = np.asarray(drawn.extract_largest().center) + NEAR_MM * view
     plotter.add_mesh(
         pyvista.Arrow(
             start=start,

@@ -251,8 +251,10 @@ def housing_inside(design: Design) -> Iterator[Shape]:
 def seats(design: Design) -> Iterator[Shape]:
     """What seats put between LEDs, core and camera: the collar with its feet, and the tabs.
 
-    They are there even when they are black, since they may stand in the light. The pockets of LED boards lie
-    behind the LEDs' fronts, where light of these never arrives.
+    They are there even when they are black, since they may stand in the light. The pockets of LED boards and
+    the holes for their wires lie behind the LEDs' fronts, where light of these never arrives. A ring around
+    the gel is left out: traced with it, the mean light of no group changes by more than 1e-4, and the darkest
+    border by less than 1 % (presets default and gelsight-mini-like).
     """
     within = inside(design)
     if within is None:
