@@ -151,7 +151,8 @@ class Picture(NamedTuple):
     Attributes
     ----------
     file : bytes
-        BMP file: white is full scale of the camera. Packing it as PNG would take longer than sending it.
+        JPEG file of high quality: white is full scale of the camera. A PNG takes ten times as long to pack,
+        and what is not packed takes longer on its way.
     shape : tuple of int
         Columns and rows.
     pressed : bool

@@ -82,7 +82,7 @@ def test_every_view_can_be_read_and_reached(tab, studio):
     faults += audited(tab, "design")
     picture = base64.b64decode(tab.get_attribute("#picture-now", "src").partition(",")[2])
     view(tab, "Reconstruct")
-    dropped = {"name": "press.bmp", "mimeType": "image/bmp", "buffer": picture}
+    dropped = {"name": "press.jpg", "mimeType": "image/jpeg", "buffer": picture}
     tab.locator("#drop-picture input[type=file]").set_input_files(dropped)
     tab.locator("#upload-state").filter(has_text="depth 0.").wait_for(timeout=PICTURE_MS)
     faults += audited(tab, "reconstruct")

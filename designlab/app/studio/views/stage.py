@@ -122,8 +122,8 @@ FLICK = (
 
 
 def source(file: bytes) -> str:
-    """A PNG or BMP file as a source of an image."""
-    kind = "bmp" if file.startswith(b"BM") else "png"
+    """A PNG or JPEG file as a source of an image."""
+    kind = "png" if file.startswith(b"\x89PNG") else "jpeg"
     return f"data:image/{kind};base64,{base64.b64encode(file).decode()}"
 
 
