@@ -134,6 +134,7 @@ class Row:
 
     def __init__(self, control: Control, start: Any, turned: Turned) -> None:
         self.control, self._turned = control, turned
+        self._own = control.value  # what was turned to here, before the design is shown
         self._quiet = True
         self._slider: Any = None
         with ui.element("div").classes("knob") as self.box:
@@ -150,8 +151,11 @@ class Row:
         self._quiet = False
 
     def update(self, control: Control) -> None:
-        """Show the value of the field."""
-        self.control = control
+        """Show the value; what was refused since stays, and why, unless the field was changed."""
+        changed = control.value not in (self.control.value, self._own)
+        self.control, self._own = control, control.value
+        if self._said and not changed:
+            return
         self._quiet = True
         try:
             self._field.set_value(self._shown(control))
@@ -234,7 +238,7 @@ class Row:
             self._said = str(error)
             self._say()
             return
-        if value != control.value:
+        if value != self._own:
             self._turn(value, False)
 
     def _read(self, given: Any, control: Control) -> Any:
@@ -258,6 +262,8 @@ class Row:
     def _turn(self, value: Any, going_on: bool) -> None:
         value = int(value) if self.control.whole and value is not None else value
         self._said = self._turned(self.control.path, value, going_on)
+        if not self._said:
+            self._own = value
         self._say()
 
 
