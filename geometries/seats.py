@@ -41,9 +41,10 @@ RIM_MM = 1.0  # of the head around the lid
 CABLE_MM = 4.0
 """Width and height of the hole for wires where no board says where they begin, and under a level board."""
 WALL_BESIDE_MM = 1.2  # of the wall behind a groove for wires
-GEL_RING_MM, LEAST_GEL_RING_MM, SHOULDER_WALL_MM = 1.0, 0.8, 0.8
-"""Thickness of the ring around the gel, the least of it, and how deep its shoulder cuts into the wall."""
 LEAST_WALL_MM = 0.8
+"""Two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably."""
+GEL_RING_MM, SHOULDER_WALL_MM = 1.0, 0.8
+"""Thickness of the ring around the gel, and how deep its shoulder cuts into the wall."""
 OPEN_MM = 1.0  # between gel and bore: what sealant closes without a ring
 CORE_RING_MM = 2.0
 SHOULDER_MM = 2.6

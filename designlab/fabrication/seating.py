@@ -204,10 +204,10 @@ def gel_ring(design: Design, found: Sequence[Plate]) -> GelRing | None:
     )
     bottom = housing.bottom_mm
     high = min(max(bottom + seats.GEL_RING_MM, float(edge.min())), lowest - gap)
-    if high - bottom < seats.LEAST_GEL_RING_MM:
+    if high - bottom < MINIMUM_WALL_MM:
         raise SeatError(
             f"housing.bottom_mm: {bottom:g} mm leaves {max(high - bottom, 0.0):.3g} mm below the LEDs for "
-            f"the ring around the gel, {seats.LEAST_GEL_RING_MM:g} mm or more must be; lower "
+            f"the ring around the gel, {MINIMUM_WALL_MM:g} mm or more must be; lower "
             "housing.bottom_mm or raise leds.height_mm"
         )
     low = max(bottom, high - seats.GEL_RING_MM)

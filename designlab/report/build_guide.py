@@ -221,16 +221,17 @@ def steps(built: Built, *, drawn: bool = True) -> list[GuideStep]:
     assert seats is not None
     painted = "painted matt black" if design.gelcore.side_finish == "painted" else design.gelcore.side_finish
     total = sum(_group_current_ma(built, index) for index in range(len(drives)))
+    of_resin = design.optics.gelcore_material.startswith("resin")
     told: dict[str, Any] = {
         "finish": painted,
         "gap": seats.gap_mm,
         "supply": _supply_v(built),
         "wire": WIRE_M,
+        "total": total,
+        "limit": math.ceil(LIMIT * total),
+        "outside": _outside_window(design),
+        "resin": ", or print it in clear resin, then sand and polish it" if of_resin else "",
     }
-    told |= {"total": total, "limit": math.ceil(LIMIT * total), "outside": _outside_window(design)}
-    told["resin"] = (
-        ", or print it in clear resin, then sand and polish it" if "gelcore" in _printed(built) else ""
-    )
 
     def step(
         key: str,
@@ -289,11 +290,6 @@ def _group_current_ma(built: Built, index: int) -> float:
     boards = () if built.boards is None else built.boards.boards
     count = sum(index in place.groups for board in boards for place in board.blank.places)
     return float(count // drive["in_series"] * drive["current_ma"])
-
-
-def _printed(built: Built) -> set[str]:
-    """Parts beside the housing that the design has printed: a core of resin."""
-    return {"gelcore"} if built.design.optics.gelcore_material.startswith("resin") else set()
 
 
 def _outside_window(design: Design) -> str:

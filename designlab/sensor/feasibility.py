@@ -18,9 +18,9 @@ from geometries.elastomer import Elastomer
 from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
 from geometries.outline import reach_mm
-from geometries.seats import WIDEST_OPEN_DEG, rings, widest_gap_deg
+from geometries.seats import LEAST_WALL_MM, WIDEST_OPEN_DEG, rings, widest_gap_deg
 
-MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
+MINIMUM_WALL_MM = LEAST_WALL_MM
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
 LEAST_TOP_MM = 1.0  # width of a drafted core at the window, of a hollow one: its sides must not meet
 SIDE_PIECES = 12  # convex ones, one over the other, that stand for a core with curved sides

@@ -94,5 +94,5 @@ def test_pictures_are_smoothed_where_noise_of_the_camera_demands_it(full_well_e,
     # Poisson noise of the light, as a share of the change of colour on slopes of at most 0.4
     change = 1.0 - frame((0.0, 0.0)).mixed[frame((0.0, 0.0)).contact] / 0.4
     share = np.sqrt(0.4 / full_well_e) / 0.4 / np.sqrt((change**2).mean(axis=0))
-    needed = np.sqrt((share**2).mean()) / (2 * np.sqrt(np.pi) * protocol.NOISE_LEFT)
+    needed = np.sqrt((share**2).mean()) / (2 * np.sqrt(np.pi) * protocol.NOISE_BORNE)
     assert found == pytest.approx(0.0 if needed < 0.7 else min(needed, 2.0), rel=0.1)

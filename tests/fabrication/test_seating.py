@@ -282,9 +282,10 @@ def test_every_wire_passes_from_its_pad_out_of_the_housing(sensor: Any) -> None:
 def test_no_hole_for_wires_opens_into_the_camera_s_view(sensor: Any) -> None:
     """The collar between camera and window is whole: all of its wall is in the housing."""
     design, _, shapes = sensor
-    collar = seating.inside(design).collar  # type: ignore[union-attr]
-    assert collar is not None
-    wall = ring(collar).val()
+    within = seating.inside(design)
+    assert within is not None
+    assert within.collar is not None
+    wall = ring(within.collar).val()
     assert overlap_mm3(wall, shapes["housing"]) == pytest.approx(wall.Volume(), rel=1e-4)
 
 
@@ -383,7 +384,9 @@ def test_a_ring_too_thin_at_the_gel_s_corners_is_refused(inner_mm: float, wall_m
 @pytest.mark.parametrize("name", SEATED[:3])
 def test_the_ring_closes_the_bore_around_the_gel_and_lies_below_the_light(name: str) -> None:
     design = preset(name)
-    made, housing, gap = boards.boards(design).boards, design.housing, design.housing.seats.gap_mm  # type: ignore[union-attr]
+    made, housing = boards.boards(design).boards, design.housing
+    assert housing.seats is not None
+    gap = housing.seats.gap_mm
     found = gel_ring(design, plates(made))
     assert found is not None
     gel = MultiPoint([*elastomer.polygon(design.elastomer), *gelcore.polygon(design.gelcore)]).convex_hull
@@ -550,8 +553,8 @@ def test_the_guide_says_where_each_board_and_its_wires_go_and_in_which_order(sen
         d["current_ma"] * sum(k in p.groups for b in made for p in b.blank.places) / d["in_series"]
         for k, d in enumerate(built_of(sensor).manifest["drive"])
     )
-    limit = int(re.search(r"limit to (\d+) mA", connect).group(1))  # type: ignore[union-attr]
-    assert total < limit < 1.4 * total + 1
+    (limit,) = re.findall(r"limit to (\d+) mA", connect)
+    assert total < int(limit) < 1.4 * total + 1
 
 
 @pytest.mark.slow

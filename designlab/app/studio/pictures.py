@@ -41,6 +41,9 @@ QUALITY = 95  # of JPEG: its own noise is 0.4 % of full scale (preset default)
 GRID = 9  # places of a picture, along each side, whose points on the membrane are told
 FRAMES_KEPT, SIMULATORS_KEPT, LEVELS_KEPT = 24, 5, 8
 
+SRGB = np.asarray(np.round(255 * to_srgb(np.linspace(0.0, 1.0, 2**16))), dtype=np.uint8)
+"""Linear shares in 2^16 steps as an eye sees them: the curve itself takes ten times as long."""
+
 MIXED_CAMERA = (
     *EXPOSING,
     "full_well_e",
@@ -250,10 +253,6 @@ def camera_file(linear: NDArray[np.floating]) -> tuple[bytes, tuple[int, int]]:
     written, picture = io.BytesIO(), Image.fromarray(SRGB[steps])
     picture.save(written, "JPEG", quality=QUALITY, subsampling=0)
     return written.getvalue(), picture.size
-
-
-SRGB = np.asarray(np.round(255 * to_srgb(np.linspace(0.0, 1.0, 2**16))), dtype=np.uint8)
-"""Linear shares in 2^16 steps as an eye sees them: the curve itself takes ten times as long."""
 
 
 def _facts(frame: Frame) -> dict[str, str]:

@@ -115,7 +115,7 @@ class Session:
     _past: list[State] = field(default_factory=list)
     _future: list[State] = field(default_factory=list)
     _last: str = ""
-    _told: tuple[Design | None, dict[str, Any]] = (None, {})  # of a design, so that nothing is made twice
+    _told: tuple[Design | None, dict[str, Any]] = field(default=(None, {}), init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.design = self._made(self.edits)
@@ -299,6 +299,7 @@ class Session:
             self.press = usual_press(design)
 
     def _once(self, what: str, make: Callable[[Design], Told]) -> Told:
+        """What is made of the design, found once and kept until another design is shown."""
         if self._told[0] is not self.design:
             self._told = self.design, {}
         told = self._told[1]

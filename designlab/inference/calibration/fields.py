@@ -29,7 +29,7 @@ STATED = re.compile(
     rf"(?:(?P<low>{NUMBER})\.\.(?P<high>{NUMBER}))?)?"
 )
 DIRECTION, DIRECTION_STEP_DEG = r"lights\.\d+\.\w+_deg", 1.0
-# Where an LED stands changes a picture by more than the noise of light through ground sides from these on.
+# Smaller steps of an LED change a picture by less than the noise of light through ground sides.
 LED_PLACE = r"leds\.(groups\.\d+\.)?(?P<name>height_mm|tilt_deg|azimuth_deg)(\.\d+)?"
 LED_STEPS = {"height_mm": 0.5, "tilt_deg": 2.0, "azimuth_deg": 3.0}
 MOST_EDGE = 0.5  # of the largest edge radius that a probe of the given size can have

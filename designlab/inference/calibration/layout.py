@@ -160,11 +160,12 @@ def search_layout(
     there, left = [moves[place] for place in best], float(misfit[best])
     if closely:
         work.begin("trying places near the best")
-    for fine in FINE_DEG_MM if closely else ():
-        near = [_near(fine, move) for move in there]
-        misfit = tried.misfits(tried.columns(near))
-        least = np.unravel_index(int(misfit.argmin()), misfit.shape)
-        there, left = [moves[place] for moves, place in zip(near, least, strict=True)], float(misfit[least])
+        for fine in FINE_DEG_MM:
+            near = [_near(fine, move) for move in there]
+            misfit = tried.misfits(tried.columns(near))
+            least = np.unravel_index(int(misfit.argmin()), misfit.shape)
+            there = [moves[place] for moves, place in zip(near, least, strict=True)]
+            left = float(misfit[least])
     work.end()
     found = _moved(design, there)
     places = tuple(

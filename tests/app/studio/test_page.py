@@ -109,6 +109,29 @@ def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):
     assert wrong.inner_text() == ""
 
 
+def test_what_is_refused_stays_while_the_change_before_it_is_shown(page):
+    tab = page()
+    before, height_mm = digest(tab), preset(NAME).leds.height_mm
+    turn(tab, "leds.height_mm", height_mm + 0.7)
+    turn(tab, "leds.height_mm", "wide")
+    wrong = tab.locator('[data-path="leds.height_mm"] .wrong')
+    wrong.filter(has_text="must be a number").wait_for()
+    new_picture(tab, before)
+    tab.wait_for_timeout(500)  # knobs and rules are shown some time after the picture at most
+    assert "must be a number" in wrong.inner_text()
+    assert tab.locator('[data-path="leds.height_mm"] input').last.input_value() == "wide"
+    turn(tab, "leds.height_mm", height_mm + 0.7)  # as it is
+    wrong.filter(has_text="must be").wait_for(state="detached")
+    # There and back at once: the value last written counts.
+    turn(tab, "leds.height_mm", height_mm + 1.3)
+    turn(tab, "leds.height_mm", height_mm)
+    tab.wait_for_function(
+        f"document.getElementById('picture-now').dataset.digest === {before!r} && !{STALE}",
+        timeout=PICTURE_MS,
+    )
+    assert wrong.inner_text() == ""
+
+
 def test_a_pinned_design_is_shown_beside_the_present_one_and_a_mixed_one_at_once(page):
     tab = page()
     tab.wait_for_function(FULL, timeout=PICTURE_MS)

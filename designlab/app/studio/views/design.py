@@ -35,7 +35,7 @@ class DesignView:
 
     def __init__(self, page: Desk) -> None:
         self._page = page
-        self._turned_at = time.monotonic()
+        self._turned_at = self._pictured_at = time.monotonic()
         self._followed = ""  # digest that scores and drawing were asked for
         self._scores: dict[str, Score] = {}
         self._unscored = ""  # why the design that was followed has none
@@ -227,7 +227,7 @@ class DesignView:
         if reply.digest != session.digest:
             return  # made for a design that is no longer shown
         if self._awaited:
-            self._awaited, self._turned_at = False, time.monotonic()
+            self._awaited, self._pictured_at = False, time.monotonic()
         if reply.error:
             self._banner.set_text(reply.error)
             self._banner.set_visibility(True)
@@ -271,14 +271,14 @@ class DesignView:
 
     def _look(self) -> None:
         """Ask for scores and drawing once the knobs are at rest."""
-        rested_s = time.monotonic() - self._turned_at
-        if self._unsettled and rested_s > SETTLE_S:
+        now = time.monotonic()
+        if self._unsettled and now - self._turned_at > SETTLE_S:
             self._settle()
-        if not self._begun or self._awaited or rested_s < REST_S:
+        if not self._begun or now - self._turned_at < REST_S:
             return
         self._page.remember()
         session = self._page.session
-        if self._followed == session.digest:
+        if self._awaited or now - self._pictured_at < REST_S or self._followed == session.digest:
             return
         self._followed = session.digest
         self._ask_model()

@@ -134,7 +134,7 @@ class Row:
 
     def __init__(self, control: Control, start: Any, turned: Turned) -> None:
         self.control, self._turned = control, turned
-        self._own = control.value  # what was turned to here, before the design is shown
+        self._own = control.value  # as turned to here, whatever of the design is shown yet
         self._quiet = True
         self._slider: Any = None
         with ui.element("div").classes("knob") as self.box:
@@ -151,20 +151,14 @@ class Row:
         self._quiet = False
 
     def update(self, control: Control) -> None:
-        """Show the value; what was refused since stays, and why, unless the field was changed."""
-        changed = control.value not in (self.control.value, self._own)
+        """Show the value where it was changed elsewhere; what is written here stays, refused or not."""
+        elsewhere = control.value != self._own
         self.control, self._own = control, control.value
-        if self._said and not changed:
-            return
-        self._quiet = True
-        try:
-            self._field.set_value(self._shown(control))
-            if self._slider is not None and control.value is not None:
-                self._slider.set_value(control.value)
-        finally:
-            self._quiet = False
-        self._said = ""
-        self._say()
+        if elsewhere:
+            self._said = ""
+            self._show(self._field, self._shown(control.value))
+            self._slide_to(control.value)
+            self._say()
 
     def violated(self, text: str) -> None:
         """Say which rule the field breaks; nothing where it breaks none."""
@@ -184,11 +178,13 @@ class Row:
             choices = list(control.choices)
             choices += [OPEN] if control.value == OPEN else []
             options = ([OFF] if control.optional else []) + choices
-            picked = ui.select(options, value=self._shown(control), on_change=self._set)
+            picked = ui.select(options, value=self._shown(control.value), on_change=self._set)
             return picked.props(f"dense outlined options-dense {spoken}").classes("entry wide")
         if control.kind == "number":
             return self._number(control, start, spoken)
-        entry = ui.input(value=self._shown(control)).props(f"dense outlined {spoken}").classes("entry wide")
+        entry = (
+            ui.input(value=self._shown(control.value)).props(f"dense outlined {spoken}").classes("entry wide")
+        )
         entry.on("change", self._written)
         return entry
 
@@ -199,16 +195,17 @@ class Row:
             self._slider = ui.slider(min=low, max=high, step=step, value=control.value)
             # The entry beside it does the same from the keyboard.
             self._slider.props(f"dense tabindex=-1 {spoken}").classes("slider")
-            self._slider.on_value_change(self._slid)
-            self._slider.on("change", lambda: self._turn(self._slider.value, False))
-        entry = ui.input(value=self._shown(control), placeholder=OFF if control.optional else "")
+            self._slider.on_value_change(lambda event: self._slid(event.value, True))
+            self._slider.on("change", lambda: self._slid(self._slider.value, False))
+        entry = ui.input(value=self._shown(control.value), placeholder=OFF if control.optional else "")
         entry.props(f'dense outlined inputmode="decimal" {spoken}')
         entry.classes("entry" if self._slider is not None else "entry wide")
         entry.on("change", self._written)
         return entry
 
-    def _shown(self, control: Control) -> Any:
-        value = control.value
+    def _shown(self, value: Any) -> Any:
+        """What an entry shows of a value."""
+        control = self.control
         if control.kind == "choice":
             return OFF if value is None else value
         if control.kind == "number":
@@ -217,9 +214,23 @@ class Row:
             return numbers_text(value)
         return value if value is not None else ("" if control.kind == "text" else value)
 
-    def _slid(self, event: Any) -> None:
+    def _show(self, element: Any, value: Any) -> None:
+        """Set what an element shows; that is no turn of the knob."""
+        self._quiet = True
+        try:
+            element.set_value(value)
+        finally:
+            self._quiet = False
+
+    def _slide_to(self, value: Any) -> None:
+        if self._slider is not None and value is not None:
+            self._show(self._slider, value)
+
+    def _slid(self, value: Any, going_on: bool) -> None:
         if not self._quiet:
-            self._turn(event.value, True)
+            self._turn(value, going_on)
+            if not self._said:
+                self._show(self._field, self._shown(self._own))
 
     def _set(self, event: Any) -> None:
         """Take what was picked."""
@@ -238,8 +249,13 @@ class Row:
             self._said = str(error)
             self._say()
             return
-        if value != self._own:
-            self._turn(value, False)
+        if value == self._own:
+            self._said = ""
+            self._say()
+            return
+        self._turn(value, False)
+        if not self._said:
+            self._slide_to(value)
 
     def _read(self, given: Any, control: Control) -> Any:
         if control.kind == "number":
