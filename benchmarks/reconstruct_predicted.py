@@ -33,7 +33,7 @@ from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, error_region, sub_seed
 from designlab.inference.calibration.ball_set import load_balls
 from designlab.inference.calibration.balls import calibrate_balls
-from designlab.inference.calibration.from_model import gel_of, membrane_of
+from designlab.inference.calibration.from_model import Gel, membrane_of
 from designlab.reconstruction import normals
 from designlab.reconstruction.calibration_file import save_calibration
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
@@ -151,8 +151,7 @@ def calibrated(design: Design, out: Path) -> Path:
         mm_per_px=scale,
         membrane_of=partial(membrane_of, design, mm_per_px=scale),
     )
-    thickness_mm, poisson = gel_of(design)
-    found = calibrate_balls(balls, thickness_mm=thickness_mm, poisson=poisson)
+    found = calibrate_balls(balls, **Gel.of(design)._asdict())
     setup = found.kept.calibration.setup
     told = f"smoothing {setup.smoothing_px:.2f} px, change relative to {setup.relative_to}"
     print(

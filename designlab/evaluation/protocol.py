@@ -129,7 +129,7 @@ class EvaluationProtocol:
             [q for _, q in truths],
             x,
             y,
-            smoothing_px=smoothing_for(shares, noise_left=NOISE_BORNE, grain=False),
+            smoothing_px=smoothing_for(shares, noise_left=NOISE_BORNE),
         )
 
     def _noise_share(self, ball: Frame, number: int, background: Array) -> float:

@@ -60,6 +60,8 @@ class Setup(NamedTuple):
     weighted : bool
         Weigh each pixel in the integration by the inverse of its expected error, which is learned from balls
         left out of the calibration.
+    skin_mm : float
+        How far the coating rounds what the gel is pressed to (standard deviation of a Gaussian).
     relative_to : str
         What changes of colour are shares of: the ``mean`` of the untouched gel, or the untouched gel at the
         same ``place``, which is noisier in dark corners and takes off what uneven light does to all slopes.
@@ -75,7 +77,13 @@ class Setup(NamedTuple):
     thickness_mm: float | None = None
     label_bias: float | None = None
     poisson: float = 0.49
+    skin_mm: float = 0.0
     relative_to: Literal["mean", "place"] = "mean"
+
+    @property
+    def rounding_px(self) -> float:
+        """Smoothing that colours show of slopes: that of the coating, and their own."""
+        return math.hypot(self.smoothing_px, self.skin_mm / self.mm_per_px)
 
     def radius_mm(self, ball: BallPress) -> float:
         """Radius of a ball."""
@@ -128,8 +136,8 @@ def ball_samples(
             touched = r_px < setup.contact_radius_px(ball)
             around = gel_slopes(ball, setup, membrane)
             p, q = (np.where(touched, own, gel) for own, gel in zip((p, q), around, strict=True))
-            if setup.smoothing_px:  # colours are smoothed, and follow the slopes so
-                p, q = (gaussian_filter(slope, setup.smoothing_px) for slope in (p, q))
+            if setup.rounding_px:
+                p, q = (gaussian_filter(slope, setup.rounding_px) for slope in (p, q))
         contact = np.flatnonzero(u < (_RIM if rim else 1.0))
         beyond = np.flatnonzero((u >= 1.0) & (u <= setup.flat_beyond))
         around_px = thinned(beyond, 0 if rim else _AROUND_PIXELS)
@@ -243,7 +251,7 @@ def known_gel(
         [_about_contact(ball, setup, membrane)[:2] for ball in balls],
         ball_radii_mm=[relative_radius_mm(ball, setup, membrane) for ball in balls],
         mm_per_px=setup.mm_per_px,
-        smoothing_px=setup.smoothing_px,
+        smoothing_px=setup.rounding_px,
         reach=setup.flat_beyond,
         poisson=setup.poisson,
         thickness_mm=setup.thickness_mm,
@@ -304,17 +312,23 @@ def _check(setup: Setup) -> None:
 
 
 def touched_px(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> tuple[float, float]:
-    """Column and row at the middle of a ball's contact: its axis, on a plane membrane."""
+    """Column and row at the middle of a ball's contact: its axis, on a plane membrane.
+
+    It lies below the ball's centre along the membrane's normal, nearer to the axis the deeper the ball is in.
+    """
     if membrane is None:
         return ball.centre_px
-    return membrane.touched_from(ball.centre_px, setup.radius_px(ball))
+    contact_mm = setup.contact_radius_px(ball) * setup.mm_per_px
+    depth_mm = ball_surface(ball, setup, membrane).depth_mm(contact_mm)
+    return membrane.touched_from(ball.centre_px, setup.radius_px(ball) - depth_mm / setup.mm_per_px)
 
 
 def relative_radius_mm(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -> float:
     """Radius of a ball on a plane that is pressed as the membrane is: their curvatures add up."""
     if membrane is None:
         return setup.radius_mm(ball)
-    bent = membrane.curvature_at(touched_px(ball, setup, membrane))
+    first = membrane.touched_from(ball.centre_px, setup.radius_px(ball))
+    bent = membrane.curvature_at(first)
     return 1 / (1 / setup.radius_mm(ball) + round(bent, CURVATURE_DIGITS))
 
 

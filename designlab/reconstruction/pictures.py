@@ -12,7 +12,7 @@ from designlab.core.types import Array, Mask
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
 NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
-SMOOTHING_PX = 0.7, 2.0  # least, against grain between pixels, and most
+SMOOTHING_PX = 0.7, 2.0  # least that takes off more noise than it blurs, and most
 
 
 def colour_change(image: Array, background: Array) -> Array:
@@ -36,7 +36,7 @@ def smoothed(values: Array, sigma_px: float, mask: Mask | None = None) -> Array:
     return np.asarray(np.where(share > 1e-3, total / np.maximum(share, 1e-3), 0.0))
 
 
-def smoothing_for(shares: Sequence[float], *, noise_left: float = NOISE_LEFT, grain: bool = True) -> float:
+def smoothing_for(shares: Sequence[float], *, noise_left: float = NOISE_LEFT) -> float:
     """Gaussian smoothing (px) that leaves little of the pictures' noise, and blurs edges no more than that.
 
     Parameters
@@ -45,14 +45,11 @@ def smoothing_for(shares: Sequence[float], *, noise_left: float = NOISE_LEFT, gr
         `noise_share` of each calibration press.
     noise_left : float
         What may be left of it.
-    grain : bool
-        Whether pictures have grain between pixels beside their noise, as those of real sensors do, and are
-        smoothed a little at least.
     """
     least, most = SMOOTHING_PX
     # white noise falls to 1 / (2 sigma sqrt(pi)) of itself
     needed = float(np.median(shares)) / (2 * math.sqrt(math.pi) * noise_left)
-    return min(max(needed, least), most) if grain or needed > least else 0.0
+    return min(needed, most) if needed > least else 0.0
 
 
 def noise_share(noise: Array, change: Array, contact: Mask) -> float:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from designlab.mechanics.contact import press
 from designlab.mechanics.layer import ElasticLayer
@@ -53,8 +54,11 @@ def picture(p, q, noise, seed):
     return light + noise * np.random.default_rng(seed).normal(size=light.shape)
 
 
-def made(thickness_mm, bias):
-    """Pictures of balls on a layer solved exactly, with circles read off too large and with scatter."""
+def made(thickness_mm, bias, skin_mm=0.0):
+    """Pictures of balls on a layer solved exactly, with circles read off too large and with scatter.
+
+    A coating rounds the heights of the layer.
+    """
     draw, balls = np.random.default_rng(3), []
     distances = np.linspace(0.0, 12.0, 500)
     for number, (centre, depth) in enumerate(zip(CENTRES, DEPTHS_MM, strict=True)):
@@ -65,7 +69,8 @@ def made(thickness_mm, bias):
             r, 1e-9
         )
         radius_px = exact.contact_radius_mm / PITCH_MM * (1 + bias) + draw.normal(scale=0.2)
-        balls.append(BallPress(picture(ratio * x, ratio * y, 0.01, number), centre, radius_px))
+        p, q = (gaussian_filter(slope, skin_mm / PITCH_MM) for slope in (ratio * x, ratio * y))
+        balls.append(BallPress(picture(p, q, 0.01, number), centre, radius_px))
     return balls, picture(np.zeros(SHAPE), np.zeros(SHAPE), 0.0, 0)
 
 
@@ -87,6 +92,21 @@ def test_thickness_and_bias_are_recovered(thickness_mm, bias):
         for depth in DEPTHS_MM
     ]
     np.testing.assert_allclose(fit.contact_radii_px * PITCH_MM, truth, rtol=0.02)
+
+
+@pytest.mark.slow
+def test_a_coating_that_rounds_the_rim_is_allowed_for():
+    balls, background = made(2.0, 0.1, skin_mm=0.3)
+    setup = Setup(RADIUS_MM, PITCH_MM, smoothing_px=1.0, thickness_mm=2.0)
+    truth = [
+        press_ball(ElasticBase(1.0, POISSON, 2.0), ball_radius_mm=RADIUS_MM, depth_mm=depth).contact_radius_mm
+        for depth in DEPTHS_MM
+    ]
+    bare, coated = (known_gel(balls, background, setup._replace(skin_mm=skin)).fit for skin in (0.0, 0.3))
+    off, rest = (np.abs(fit.contact_radii_px * PITCH_MM / truth - 1) for fit in (bare, coated))
+    print(off.mean(), rest.mean())
+    assert rest.max() < 0.02
+    assert rest.mean() < off.mean() / 2
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from designlab.core.metrics import normal_error_deg
 from designlab.inference.calibration.ball_set import BallSet
 from designlab.inference.calibration.balls import calibrate_balls
 from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, touched_px
+from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import load_calibration, save_calibration
 from designlab.reconstruction.height import normals
@@ -67,6 +68,21 @@ def test_a_ball_touches_a_dome_beside_its_axis(dome_mm, x_mm):
     assert (touched[0] - middle[0]) * membrane.mm_per_px == pytest.approx(x_mm, abs=0.01)
     assert membrane.axis_of(touched, BALL_MM / membrane.mm_per_px) == pytest.approx(axis, abs=0.1)
     assert membrane.curvature_at(touched) == pytest.approx(1 / dome_mm, rel=0.02)
+
+
+@pytest.mark.parametrize("contact_mm", [0.4, 1.0, 1.6])
+def test_a_ball_that_is_pressed_in_touches_nearer_to_its_axis(contact_mm):
+    """The middle of the contact lies on the line between the centres of ball and dome."""
+    dome_mm = 20.0
+    membrane = Membrane.of(*seen(LENSES["even"], dome_mm))
+    middle, pitch = (membrane.columns.shape[1] - 1) / 2, membrane.mm_per_px
+    axis = middle + 2.3 / pitch, (membrane.columns.shape[0] - 1) / 2
+    ball = BallPress(np.zeros((*membrane.columns.shape, 3)), axis, contact_mm / pitch)
+    setup = Setup(BALL_MM, pitch, thickness_mm=THICKNESS_MM, label_bias=0.0)
+    equal = BallSurface(1 / (1 / BALL_MM + 1 / dome_mm), THICKNESS_MM, setup.poisson)
+    exact = 2.3 * dome_mm / (dome_mm + BALL_MM - equal.depth_mm(contact_mm))
+    found = touched_px(ball, setup, membrane)
+    assert (found[0] - middle) * pitch == pytest.approx(exact, abs=0.005)
 
 
 @pytest.mark.faults

@@ -220,8 +220,8 @@ def _add_designs(add: Any) -> None:
     _option(
         balls,
         "--design MODEL",
-        "of a dome, or behind a lens that bends: preset or design file that says where pixels see the gel, "
-        "and how steep it is there; its light does not matter",
+        "preset or design file that says what the gel is; of a dome, or behind a lens that bends, also where "
+        "pixels see it, and how steep it is there; its light does not matter",
         default=None,
     )
     _option(

@@ -110,7 +110,7 @@ def _on_balls(args: Namespace) -> Result:
     from designlab.core.store import atomic_folder, write_json
     from designlab.inference.calibration.ball_set import load_balls
     from designlab.inference.calibration.balls import calibrate_balls
-    from designlab.inference.calibration.from_model import gel_of
+    from designlab.inference.calibration.from_model import Gel
     from designlab.reconstruction.calibration_file import save_calibration
     from designlab.report.ball_calibration import ball_calibration_report
 
@@ -121,12 +121,12 @@ def _on_balls(args: Namespace) -> Result:
         mm_per_px=args.mm_per_px,
         membrane_of=None if design is None else _membrane_of(args, design),
     )
-    thickness_mm, poisson = (None, None) if design is None else gel_of(design)
+    gel = {} if design is None else Gel.of(design)._asdict()
     if args.thickness_mm is not None:
-        thickness_mm = args.thickness_mm
+        gel["thickness_mm"] = args.thickness_mm
     require_writable(args.out, made_with=RESULT)
     with bar(form=IN_PERCENT, keep=True) as progress:
-        found = calibrate_balls(balls, thickness_mm=thickness_mm, poisson=poisson, progress=progress)
+        found = calibrate_balls(balls, **gel, progress=progress)
     out, verdict, mean = Path(args.out), found.verdict(), found.mean
     data = {
         "fit_verdict": verdict.word,

@@ -97,6 +97,7 @@ def calibrate_balls(
     *,
     thickness_mm: float | None = None,
     poisson: float | None = None,
+    skin_mm: float = 0.0,
     method: Method | None = None,
     progress: Progress = silent,
 ) -> BallCalibration:
@@ -108,15 +109,18 @@ def calibrate_balls(
         What `load_balls` read.
     thickness_mm, poisson : float, optional
         Of the gel, where they are known; the thickness is fitted, Poisson's ratio usual when absent.
+    skin_mm : float
+        How far the coating rounds what the gel is pressed to, where that is known, see `Setup`.
     method : Method, optional
         See `reconstruction.methods`. When absent, what errs least on the balls left out: smoothing by the
-        pictures' noise with the kernel that suits it, or what serves most sensors.
+        pictures' noise with the kernel that suits it, or what serves most sensors; and with a map of its own
+        for the rims of contacts, or without.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
     """
     parts = {"centres of the balls": 14, "gel": 4, "balls left out": 6, "calibration": 2}
     work = Work(progress, parts)
-    setup = Setup(balls.radius_mm, balls.mm_per_px, thickness_mm=thickness_mm)
+    setup = Setup(balls.radius_mm, balls.mm_per_px, thickness_mm=thickness_mm, skin_mm=skin_mm)
     if poisson is not None:
         setup = setup._replace(poisson=poisson)
     work.begin("centres of the balls")
@@ -134,6 +138,8 @@ def calibrate_balls(
         detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
         by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
         ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
+        # a map of its own for the rims serves some sensors, and makes tips too high on others
+        ways += [(way._replace(detail=0.0), of) for way, of in ways if way.detail]
     else:
         ways.append((setup, method))
     tried = []

@@ -8,7 +8,7 @@ errors on simulated presses say too little.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -205,12 +205,30 @@ def membrane_of(
     return found[name]
 
 
-def gel_of(design: Design) -> tuple[float, float | None]:
-    """Thickness (mm) and Poisson's ratio of a design's gel; no ratio where its contact knows none."""
-    thickness_mm = design.elastomer.thickness_mm
-    if not isinstance(design.contact, LayerContact):
-        return thickness_mm, None
-    return thickness_mm, design.contact.layer(thickness_mm=thickness_mm).poisson
+class Gel(NamedTuple):
+    """What a design says of its gel.
+
+    Attributes
+    ----------
+    thickness_mm : float
+        Thickness.
+    poisson : float or None
+        Poisson's ratio; None where the design's contact knows none.
+    skin_mm : float
+        How far the coating rounds what the gel is pressed to (standard deviation of a Gaussian).
+    """
+
+    thickness_mm: float
+    poisson: float | None = None
+    skin_mm: float = 0.0
+
+    @classmethod
+    def of(cls, design: Design) -> Self:
+        """Read it from a design."""
+        thickness_mm, contact = design.elastomer.thickness_mm, design.contact
+        if not isinstance(contact, LayerContact):
+            return cls(thickness_mm)
+        return cls(thickness_mm, contact.layer(thickness_mm=thickness_mm).poisson, contact.skin_length_mm)
 
 
 def teach_on_model(
