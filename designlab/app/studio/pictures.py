@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
 from designlab.app.studio.newest import Superseded
@@ -30,7 +31,7 @@ from designlab.sensor.camera import EXPOSING
 from designlab.sensor.design import LABELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.render.session import SESSION
-from designlab.simulation.simulator import Frame, Simulator, exposure
+from designlab.simulation.simulator import GRAIN_PX, Frame, Simulator, exposure
 from geometries.elastomer import base_gradient
 
 Thing = TypeVar("Thing")
@@ -148,6 +149,18 @@ class Bench:
         key = self.light(design), fineness, samples, None if press is None else press.model_dump_json(), None
         return key in self._frames
 
+    def protocol(self, design: Design, fineness: Fineness, samples: int) -> EvaluationProtocol:
+        """Camera of a design with its exposure, which is set by the untouched gel."""
+        untouched = self.frame(design, fineness, samples, None)
+
+        def smooth() -> Any:
+            return gaussian_filter(untouched.basis, (0, GRAIN_PX, GRAIN_PX), mode="nearest")
+
+        # To smooth before mixing gives the same exposure, and can be kept.
+        key = self.light(design), fineness, samples, "smooth"
+        even = replace(untouched, basis=_remembered(self._frames, key, smooth, FRAMES_KEPT))
+        return EvaluationProtocol(design, exposure(design, even, grain_px=0.0), SEED)
+
     def slope_response(self, design: Design, fineness: Fineness, samples: int) -> Array:
         """What `Simulator.slope_response` gives."""
         key = self.light(design), fineness, samples, "slope response"
@@ -219,7 +232,7 @@ def _words(level: int, last: int, *, coarse: bool) -> str:
 def _picture(bench: Bench, job: PictureJob, fineness: Fineness, samples: int, step: str) -> Picture:
     design = job.design
     untouched = bench.frame(design, fineness, samples, None)
-    protocol = EvaluationProtocol(design, exposure(design, untouched), SEED)
+    protocol = bench.protocol(design, fineness, samples)
     note, shown = "", untouched
     if job.press is not None:
         try:
@@ -286,7 +299,7 @@ def _relief(bench: Bench, job: PictureJob, samples: int) -> Relief | None:
         frame = bench.frame(design, fineness, samples, job.press)
     except (ValueError, NotConverged):
         return None
-    protocol = EvaluationProtocol(design, exposure(design, untouched), SEED)
+    protocol = bench.protocol(design, fineness, samples)
     near = protocol.near_field(untouched, np.asarray(bench.slope_response(design, fineness, samples)))
     image = protocol.picture(frame, 10)
     pitch = frame.rays.pitch_mm

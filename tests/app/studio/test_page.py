@@ -11,6 +11,16 @@ from tests.helpers.studio import FULL, PICTURE_MS, Studio, pages
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow]
 NAME = "gelsight-2020-flat"  # in air, which is quick
+ORDER = """
+() => {
+  window.order = [];
+  window.addEventListener("studio-picture", () => order.push("picture"));
+  const socket = window.socket.io.engine.transport.ws;
+  socket.addEventListener("message", (event) => {
+    if (String(event.data).startsWith('42["update"')) order.push("page");
+  });
+}
+"""
 STALE = "document.getElementById('stage').classList.contains('stale')"
 
 
@@ -107,6 +117,53 @@ def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):
     tab.click("#undo")
     tab.wait_for_function("!document.getElementById('banner').offsetParent")
     assert wrong.inner_text() == ""
+
+
+def test_why_there_is_no_picture_stays_above_it(page):
+    tab = page("?design=default")
+    tab.get_by_text("Gel", exact=True).click()
+    turn(tab, "elastomer.thickness_mm", 19)
+    why = tab.locator("#banner").filter(has_text="z must be above the window")
+    why.wait_for(timeout=PICTURE_MS)
+    tab.wait_for_timeout(600)  # rules that are broken are told meanwhile
+    assert why.is_visible()
+
+
+def test_a_picture_is_shown_before_anything_else_on_the_page_changes(page):
+    tab = page()
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    tab.get_by_text("LED group red").click()
+    tab.locator('[data-path="leds.groups.0.flux_mw"] input').last.wait_for()
+    tab.evaluate(ORDER)
+    orders = []
+    for number in range(12):
+        tab.wait_for_timeout(700)  # the turn before is shown everywhere
+        before = digest(tab)
+        tab.evaluate("order.length = 0")
+        turn(tab, "leds.groups.0.flux_mw", 10 + number)
+        new_picture(tab, before)
+        tab.wait_for_function("order.includes('page')")
+        orders.append(tab.evaluate("order")[0])
+    # Of a machine so busy that the picture takes long, the page does not wait for it.
+    assert "picture" in orders
+
+
+def test_number_and_rules_follow_a_slider_that_is_held(page):
+    tab = page("?design=default")
+    knob = tab.locator('[data-path="leds.radius_mm"]')
+    box = knob.locator(".q-slider").first.bounding_box()
+    y = box["y"] + box["height"] / 2
+    tab.mouse.move(box["x"] + box["width"] / 2, y)
+    tab.mouse.down()
+    banner, shown = tab.locator("#banner"), set()
+    for step in range(60):
+        tab.mouse.move(box["x"] + box["width"] * (0.7 + 0.25 * (step % 10) / 10), y)
+        tab.wait_for_timeout(50)
+        shown.add(knob.locator("input").last.input_value())
+    told = banner.is_visible() and "every LED body lies inside the housing" in banner.inner_text()
+    tab.mouse.up()
+    assert told
+    assert len(shown) > 5
 
 
 def test_what_is_refused_stays_while_the_change_before_it_is_shown(page):

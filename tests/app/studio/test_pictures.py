@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from designlab.app.studio import pictures
 from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
 from designlab.app.studio.newest import Superseded
 from designlab.app.studio.pictures import Bench, steps
 from designlab.app.studio.session import Session
 from designlab.sensor.design import preset
 from designlab.simulation.render.session import SESSION
-from designlab.simulation.simulator import Simulator
+from designlab.simulation.simulator import Simulator, exposure
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow, pytest.mark.llvm]
 NAME = "gelsight-2020-flat"
@@ -66,6 +67,21 @@ def test_what_is_only_mixed_is_not_rendered_again(bench, monkeypatch, path, valu
     first = next(steps(bench, PictureJob(session.design, session.press)))
     assert first.step == "full light"
     assert (pixels(first) != pixels(before)).any()
+
+
+@pytest.mark.parametrize(
+    ("path", "value"), [("leds.groups.0.flux_mw", 40.0), ("camera.gain_db", 6.0), ("camera.exposure", 0.7)]
+)
+def test_the_exposure_of_what_is_mixed_again_is_the_camera_s_own(bench, monkeypatch, path, value):
+    session = Session("default", preset("default"))  # whose exposure is automatic
+    shown(bench, session)
+    monkeypatch.setattr(pictures, "gaussian_filter", lambda *_, **__: pytest.fail("smoothed again"))
+    before = bench.protocol(session.design, bench.effort.full, 8).exposure
+    session.change(path, value)
+    untouched = bench.frame(session.design, bench.effort.full, 8, None)
+    found = bench.protocol(session.design, bench.effort.full, 8).exposure
+    assert found == pytest.approx(exposure(session.design, untouched), rel=1e-6)
+    assert path == "camera.gain_db" or found != pytest.approx(before, rel=1e-3)
 
 
 def test_better_light_is_given_up_for_what_comes_first_and_made_later(bench):
