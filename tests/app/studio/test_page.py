@@ -137,12 +137,11 @@ def test_a_picture_is_shown_before_anything_else_on_the_page_changes(page):
     tab.evaluate(ORDER)
     orders = []
     for number in range(12):
-        tab.wait_for_timeout(700)  # the turn before is shown everywhere
         before = digest(tab)
         tab.evaluate("order.length = 0")
         turn(tab, "leds.groups.0.flux_mw", 10 + number)
         new_picture(tab, before)
-        tab.wait_for_function("order.includes('page')")
+        tab.wait_for_function("order.includes('page')")  # soon: else scores were told next
         orders.append(tab.evaluate("order")[0])
     # Of a machine so busy that the picture takes long, the page does not wait for it.
     assert "picture" in orders
