@@ -110,12 +110,11 @@ def parts(design: Design) -> tuple[Part, ...]:
 
 def control_at(design: Design, path: str) -> Control | None:
     """The control of one field, one of `parts`, which takes longer to make; None where there is none."""
+    found: Iterable[Control] = ()
     for key, _, controls in _parts(design):
-        if key == LOOSE or path.startswith(f"{key}."):
-            for control in controls:
-                if control.path == path:
-                    return control
-    return None
+        if path.startswith(f"{key}.") or (key == LOOSE and not found):
+            found = controls  # an LED group comes behind the part of all LEDs
+    return next((control for control in found if control.path == path), None)
 
 
 def slider_range(control: Control, around: float | None) -> tuple[float, float, float] | None:
