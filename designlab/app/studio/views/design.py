@@ -134,6 +134,7 @@ class DesignView:
             self._page.warn(str(error).removeprefix("replace(): field "))
             return
         self._changed()
+        self._settle()  # other knobs are there
 
     def _press_set(self, name: str, value: Any) -> str:
         press = self._page.session.press
