@@ -21,6 +21,20 @@ ORDER = """
   });
 }
 """
+FOLLOW = """
+() => {
+  window.asked = [];
+  window.followed = [];
+  const expect = studio.expect;
+  studio.expect = (digest, request) => { asked.push(request); expect(digest, request); };
+  window.addEventListener("studio-picture", (event) => {
+    if (event.detail.slot !== "now") return;
+    const digest = document.getElementById("picture-now").dataset.digest;
+    const facts = document.getElementById("facts")?.textContent;
+    followed.push({ digest, facts, request: event.detail.request, step: event.detail.step });
+  });
+}
+"""
 STALE = "document.getElementById('stage').classList.contains('stale')"
 
 
@@ -87,8 +101,10 @@ def test_the_probe_is_dragged_pushed_and_moved_by_keys(page):
     for step in range(1, 6):
         tab.mouse.move(middle[0] + 20 * step, middle[1] - 5 * step)
     tab.mouse.up()
-    tab.wait_for_function(
-        f"+document.getElementById('picture-now').dataset.request > {before}", timeout=PICTURE_MS
+    tab.wait_for_function(  # a full one comes when nothing moves any more
+        f"(({{request, step}}) => +request > {before} && !step.startsWith('coarse'))"
+        "(document.getElementById('picture-now').dataset)",
+        timeout=PICTURE_MS,
     )
     moved = float(x.input_value())
     assert moved > 1.0
@@ -102,6 +118,47 @@ def test_the_probe_is_dragged_pushed_and_moved_by_keys(page):
     tab.keyboard.press("+")
     tab.wait_for_function(f"document.querySelector('[aria-label=\"depth (mm)\"]').value > {depth}")
     assert digest(tab) == preset(NAME).digest
+
+
+def test_the_picture_follows_a_probe_that_is_dragged(page):
+    tab = page("?design=default")
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    tab.evaluate(FOLLOW)
+    box = tab.locator("#pictures").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.mouse.move(*middle)
+    tab.mouse.down()
+    for step in range(30):
+        tab.mouse.move(middle[0] + 4 * step, middle[1] - 2 * step)
+        tab.wait_for_timeout(50)
+    during = tab.evaluate("followed.slice()")
+    tab.mouse.up()
+    last = "followed.at(-1)?.request === asked.at(-1)"
+    tab.wait_for_function(f"asked.length > 20 && {last}", timeout=PICTURE_MS)
+    tab.wait_for_function(f"{last} && followed.at(-1).step === 'full light'", timeout=PICTURE_MS)
+    numbers = tab.evaluate("followed.map((each) => each.request)")
+    assert numbers == sorted(numbers)
+    assert len({each["request"] for each in during}) >= 3
+    assert {each["digest"] for each in during} == {preset("default").digest}
+    assert not tab.evaluate(STALE)
+
+
+def test_force_and_depth_beside_a_picture_are_those_of_its_press(page):
+    from designlab.app.studio.views.design import DEEPER
+
+    tab = page("?design=default")
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    depth_mm = float(tab.get_by_label("depth (mm)").input_value())
+    tab.evaluate(FOLLOW)
+    for _ in range(12):
+        tab.evaluate("emitEvent('studio_push', {steps: 1})")
+        tab.wait_for_timeout(100)
+    tab.wait_for_function("asked.length === 12 && followed.at(-1)?.request === asked[11]", timeout=PICTURE_MS)
+    asked, followed = tab.evaluate("[asked, followed]")
+    for each in followed:
+        told = float(each["facts"].partition("depth ")[2].partition(" mm")[0])
+        assert told == pytest.approx(depth_mm * DEEPER ** (asked.index(each["request"]) + 1), abs=0.006)
+    assert len({each["facts"] for each in followed}) >= 3
 
 
 def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):

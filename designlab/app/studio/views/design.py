@@ -44,7 +44,7 @@ class DesignView:
         self._unscored = ""  # why the design that was followed has none
         self._grid: Picture | None = None
         self._begun = False
-        self._awaited = False
+        self._awaited: int | None = None  # request of which no picture has come
         self._banner = ui.label("").classes("banner").props('role="alert" id="banner"')
         with ui.element("div").classes("bench"):
             with ui.element("div").classes("left").props('aria-label="Knobs"'):
@@ -222,9 +222,8 @@ class DesignView:
 
     def _ask_picture(self) -> None:
         session = self._page.session
-        self._awaited = True
-        number = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
-        call(self._page.client, "expect", session.digest, number)
+        self._awaited = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
+        call(self._page.client, "expect", session.digest, self._awaited)
 
     def _ask_pinned(self) -> None:
         session = self._page.session
@@ -237,8 +236,8 @@ class DesignView:
         session = self._page.session
         if reply.digest != session.digest:
             return  # made for a design that is no longer shown
-        if self._awaited:
-            self._awaited, self._pictured_at = False, time.monotonic()
+        if reply.number == self._awaited:
+            self._awaited, self._pictured_at = None, time.monotonic()
         if reply.error:
             if self._unsettled_at is not None:
                 self._settle()  # which has its own say in the banner
@@ -285,7 +284,7 @@ class DesignView:
         now = time.monotonic()
         if self._unsettled_at is not None:
             behind = now - self._unsettled_at
-            if behind > SETTLE_S or not self._awaited:
+            if behind > SETTLE_S or self._awaited is None:
                 self._follow()
             if now - self._turned_at > SETTLE_S or behind > SETTLE_EVERY_S:
                 self._settle()
@@ -293,7 +292,7 @@ class DesignView:
             return
         self._page.remember()
         session = self._page.session
-        if self._awaited or now - self._pictured_at < REST_S or self._followed == session.digest:
+        if self._awaited is not None or now - self._pictured_at < REST_S or self._followed == session.digest:
             return
         self._followed = session.digest
         self._ask_model()
