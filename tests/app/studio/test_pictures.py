@@ -90,18 +90,31 @@ def test_better_light_is_given_up_for_what_comes_first_and_made_later(bench):
 
     def waits():
         asked.append(True)
-        return len(asked) > 2  # in the midst of the first light that is baked better
+        return len(asked) > 6  # the relief asks four times; in the midst of the light that is baked better
 
     coming = steps(bench, job, waits)
-    first = [step for step in (next(coming) for _ in range(5)) if isinstance(step, Picture)]
+    first = [step for step in (next(coming) for _ in range(4)) if isinstance(step, Picture)]
     assert [step.step for step in first] == ["coarse, light 1 of 2", "light 1 of 2"]
     assert asked == []  # first pictures are made whatever comes
+    assert isinstance(next(coming), Relief)
     with pytest.raises(Superseded):
         list(coming)
-    assert len(asked) == 3
+    assert len(asked) == 7
     again = [step.step for step in steps(bench, job) if isinstance(step, Picture)]
     assert again == ["light 1 of 2", "full light"]
     assert SESSION.between() is None
+
+
+def test_a_relief_is_given_up_for_what_comes_first(bench):
+    session = Session(NAME, preset(NAME))
+    shown(bench, session)
+    session.move_press(centre_mm=(0.7, -0.3))
+    coming = steps(bench, PictureJob(session.design, session.press), lambda: True)
+    found = [next(coming) for _ in range(4)]
+    assert [type(step) for step in found] == [Picture, Rest, Picture, Rest]
+    assert found[2].step == "full light"
+    with pytest.raises(Superseded):
+        next(coming)
 
 
 @pytest.mark.parametrize("centre", [(60.0, 0.0), (0.0, -80.0), (45.0, 45.0)])

@@ -154,9 +154,10 @@ class DesignView:
             self._page.session.move_press(going_on=going_on, **changes)
         except NotAllowed as error:
             return str(error)
+        self._press_changed()
         if not going_on:
             self._page.session.rest()
-        self._press_changed()
+            self._settle()
         return ""
 
     def _touched(self, event: Any) -> None:
@@ -176,24 +177,22 @@ class DesignView:
         self._move(going_on=True, centre_mm=(round(x + step * right, 3), round(y + step * up, 3)))
 
     def _press_changed(self) -> None:
-        self._turned_at = time.monotonic()
-        self._press.update(self._page.session.press)
-        self._ask_picture()
+        self._asked()
         self._ask_pinned()
-        self._mark()
-        self._page.changed()
 
     def _changed(self) -> None:
         """Ask for what belongs to the state; all but the picture is shown when that is on its way."""
+        self._asked()
+        if self._followed != self._page.session.digest:
+            self._followed = ""
+            self._page.forget(SCORES)
+
+    def _asked(self) -> None:
+        """Ask for the picture; knobs are behind from now on."""
         self._turned_at = time.monotonic()
         self._ask_picture()
         if self._unsettled_at is None:
             self._unsettled_at = self._turned_at
-        self._press.update(self._page.session.press)
-        self._mark()
-        if self._followed != self._page.session.digest:
-            self._followed = ""
-            self._page.forget(SCORES)
 
     def _follow(self) -> None:
         """Show the number that a slider is turned to, and mark what belongs to an older design."""
@@ -203,9 +202,11 @@ class DesignView:
             self._show_scores()
 
     def _settle(self) -> None:
-        """Show values and rules beside the knobs, and the scores that there are."""
+        """Show values and rules beside the knobs, where the probe is, and the scores that there are."""
         session = self._page.session
         self._unsettled_at = None
+        self._press.update(session.press)
+        self._mark()
         self._page.changed()
         self._knobs.update(session)
         self._banner.set_text(fields_wrong(session.broken))
