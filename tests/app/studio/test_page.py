@@ -132,6 +132,7 @@ def test_the_picture_follows_a_probe_that_is_dragged(page):
         tab.mouse.move(middle[0] + 4 * step, middle[1] - 2 * step)
         tab.wait_for_timeout(50)
     during = tab.evaluate("followed.slice()")
+    assert float(tab.get_by_label("x (mm)").input_value()) > 0.3  # numbers follow too
     tab.mouse.up()
     last = "followed.at(-1)?.request === asked.at(-1)"
     tab.wait_for_function(f"asked.length > 20 && {last}", timeout=PICTURE_MS)
