@@ -3,8 +3,9 @@
 python benchmarks/studio_latency.py [--design NAME] [--events N]
 
 Each event is made in the page, and its time is that until the picture that belongs to it has been decoded.
-Half of the events are made while the drawing in three dimensions is shown, half while it is hidden. In a
-drag, an event whose picture a newer one has overtaken counts with the time until that newer one.
+Half of the events are made while the drawing in three dimensions is shown, half while it is hidden. Of a
+drag, pictures a second are told that are shown before it ends. An event without a picture of its own is
+overtaken, and counts with the time until a newer one's.
 What the machine's own load adds is in wall-clock times, not in the processor time of the worker beside them.
 """
 
@@ -48,7 +49,7 @@ SCORED = "document.getElementById('score-state').textContent.startsWith('fidelit
 TOUCH = "emitEvent('studio_touch', {place: [%.3f, %.3f], going_on: true})"
 DRAG_MS = 50
 DRAG = """
-async ([places, every]) => {
+async ([events, every]) => {
   const asked = [], shown = [];
   const expect = studio.expect;
   studio.expect = (digest, request) => { asked.push(request); expect(digest, request); };
@@ -57,19 +58,19 @@ async ([places, every]) => {
   };
   window.addEventListener("studio-picture", see);
   const sent = [];
-  for (const place of places) {
+  for (const event of events) {
     sent.push(performance.now());
-    emitEvent("studio_touch", { place, going_on: true });
+    eval(event);
     await new Promise((done) => setTimeout(done, every));
   }
-  const end = performance.now() + 60000;
+  const ended = performance.now(), end = ended + 60000;
   while (performance.now() < end &&
     !(asked.length >= sent.length && shown.some((each) => each[1] === asked[sent.length - 1]))) {
     await new Promise((done) => setTimeout(done, 20));
   }
   window.removeEventListener("studio-picture", see);
   studio.expect = expect;
-  return { asked, shown, sent };
+  return { asked, shown, sent, ended };
 }
 """
 
@@ -83,14 +84,18 @@ def written(path: str, value: float) -> str:
     )
 
 
-def dragged(tab, places) -> tuple[list[float], int]:
-    """Milliseconds from each move to a picture of it or of a later one, and how many were overtaken."""
-    found = tab.evaluate(DRAG, [places.tolist(), DRAG_MS])
-    shown, times, overtaken = found["shown"], [], 0
-    for sent, request in zip(found["sent"], found["asked"], strict=False):
-        times.append(next(at for at, number in shown if number >= request) - sent)
-        overtaken += all(number != request for _, number in shown)
-    return times, overtaken
+def dragged(tab, events: list[str]) -> dict[str, list[float]]:
+    """Of events at 20 Hz: ms to a picture of each or of a later one, the overtaken, pictures a second."""
+    found = tab.evaluate(DRAG, [events, DRAG_MS])
+    sent, shown = found["sent"], found["shown"]
+    numbers = {number for _, number in shown}
+    pairs = list(zip(sent, found["asked"], strict=True))
+    during = [at for at, _ in shown if at < found["ended"]]
+    return {
+        "first": [next(at for at, number in shown if number >= request) - at for at, request in pairs],
+        "overtaken": [sum(request not in numbers for _, request in pairs)],
+        "a second": [1000 * len(during) / (found["ended"] - sent[0])],
+    }
 
 
 def processor_s(pid: int) -> float:
@@ -178,9 +183,17 @@ def main() -> int:
                     found, _ = timed(tab, worker, event, until="true")
                     add(f"LED moved, {view}", found, "first")
                 tab.wait_for_function(FULL, timeout=PICTURE_MS)
-                found, overtaken = dragged(tab, random.uniform(0.3, 0.7, (half, 2)))
-                results[f"drag at 20 Hz, {view}, first"] = found
-                results[f"drag at 20 Hz, {view}, overtaken"] = [overtaken]
+                drags = {
+                    "press": [TOUCH % tuple(place) for place in random.uniform(0.3, 0.7, (half, 2))],
+                    "mixing": [
+                        f"{{{written('leds.groups.0.flux_mw', flux * factor)}}}"
+                        for factor in random.uniform(0.5, 1.5, half)
+                    ],
+                }
+                for what, events in drags.items():
+                    for part, values in dragged(tab, events).items():
+                        results[f"{what} dragged, {view}, {part}"] = values
+                    tab.wait_for_function(FULL, timeout=PICTURE_MS)
         studio.stop()
     rows = {
         kind: {"median": float(np.median(v)), "p95": float(np.percentile(v, 95)), "events": len(v)}
@@ -188,7 +201,10 @@ def main() -> int:
     }
     for kind, row in rows.items():
         if kind.endswith("overtaken"):
-            print(f"{kind:36} {row['median']:.0f} of {half} frames")
+            print(f"{kind:36} {row['median']:.0f} of {half} events at 20 Hz")
+            continue
+        if kind.endswith("a second"):
+            print(f"{kind:36} {row['median']:.1f} pictures")
             continue
         unit = "s" if kind.endswith("cpu_s") else "ms"
         print(

@@ -16,7 +16,7 @@ pedestal keeps the noise of a dark pixel from being cut at zero.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -206,12 +206,11 @@ class PixelNoise(ImagingStep):
         if capture.seed is None or capture.averages_behind_curve:
             return image
         camera, binned = capture.camera, capture.binned
-        random = np.random.default_rng(capture.seed)
+        random, deviates = _deviates(capture.seed, image.shape)
         electrons = image * camera.full_scale_e * binned
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
         rounding_e = camera.full_scale_e * np.sqrt((binned - 1) / 12) / (2**camera.bit_depth - 1)
         read_e = np.hypot(camera.read_noise_e * np.sqrt(binned), rounding_e)
-        deviates = random.standard_normal(electrons.shape, dtype=np.float32)
         found = electrons + np.sqrt(electrons + read_e**2) * deviates
         few = electrons < FEW_ELECTRONS
         found[few] = random.poisson(electrons[few]) + read_e * deviates[few]
@@ -460,6 +459,22 @@ def clipped(signal: Array, sigma: Array) -> Array:
         density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
         found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
     return found
+
+
+def _deviates(seed: int, shape: tuple[int, ...]) -> tuple[np.random.Generator, NDArray[np.float32]]:
+    """Standard normal deviates of a seed, and the generator that has drawn them."""
+    deviates, state = _drawn(seed, shape)
+    random = np.random.default_rng(seed)
+    random.bit_generator.state = state
+    return random, deviates
+
+
+@lru_cache(maxsize=4)  # drawing takes a third of the time of a picture, which is often taken again
+def _drawn(seed: int, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], Any]:
+    random = np.random.default_rng(seed)
+    deviates = random.standard_normal(shape, dtype=np.float32)
+    deviates.flags.writeable = False
+    return deviates, random.bit_generator.state
 
 
 def _mixing() -> int:

@@ -411,16 +411,19 @@ class Simulator:
         return np.asarray(shaded + correction, dtype=np.float32), stray
 
 
-def exposure(design: Design, *untouched: Frame) -> float:
+def exposure(design: Design, *untouched: Frame, grain_px: float = GRAIN_PX) -> float:
     """Signal as a share of full scale per unit of radiance: the design's own, or set by the untouched gel.
 
-    Of several frames of the untouched gel the mean counts; see `metered` for where.
+    Of several frames of the untouched gel the mean counts; see `metered` for where, `automatic_exposure` for
+    `grain_px`.
     """
     fixed = design.fixed_exposure
     if fixed is not None:
         return fixed
     return automatic_exposure(
-        np.mean([frame.mixed for frame in untouched], axis=0), within=metered(design, untouched[0])
+        np.mean([frame.mixed for frame in untouched], axis=0),
+        grain_px=grain_px,
+        within=metered(design, untouched[0]),
     )
 
 
@@ -461,7 +464,7 @@ def automatic_exposure(
     mixed : array, shape (rows, columns, channels)
         Linear radiance.
     grain_px : float
-        Smoothing; render noise would pass for brightness.
+        Smoothing; render noise would pass for brightness. Zero where the radiance is smooth already.
     within : bool array, shape (rows, columns), optional
         Pixels that count; all when absent.
     """

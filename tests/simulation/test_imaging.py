@@ -262,3 +262,27 @@ class TestAStepAddedInOnePlace:
         assert protocol.picture(frame, 0) - picture == pytest.approx(0.03, abs=1.01 * step)
         for before, after in zip(predicted, predictions(measurement, tmp_path / "leak"), strict=True):
             assert after - before == pytest.approx(0.03, abs=1e-6)
+
+
+def test_noise_of_a_seed_is_the_same_whatever_was_drawn_between() -> None:
+    """Deviates are kept, and Poisson's draws of dark pixels go on where they ended."""
+    radiance = np.linspace(0.0, 0.4, 24 * 32 * 3).reshape(24, 32, 3)
+    noise = next(step for step in imaging.CHAIN if isinstance(step, imaging.PixelNoise))
+    electrons = radiance * Camera().full_scale_e
+    few = electrons < imaging.FEW_ELECTRONS
+    assert 0.1 < few.mean() < 0.9
+
+    def taken(seed: int) -> Image:
+        return noise.apply(radiance, imaging.Capture(Camera(), seed=seed))
+
+    imaging._drawn.cache_clear()
+    drawn, again = taken(3), taken(3)
+    others = [taken(seed) for seed in range(10, 20)]
+    for other in (again, taken(3)):
+        np.testing.assert_array_equal(other, drawn)
+    for other in others:
+        assert (other != drawn)[few].mean() > 0.9
+    random = np.random.default_rng(3)
+    deviates = random.standard_normal(radiance.shape, dtype=np.float32)
+    counted = drawn * Camera().full_scale_e - Camera().read_noise_e * deviates
+    np.testing.assert_allclose(counted[few], random.poisson(electrons[few]), atol=1e-3)

@@ -2,8 +2,9 @@
 
 import math
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
@@ -32,6 +33,7 @@ TITLES = {
     "camera": "Camera",
     "design": "Sensing area and mixing",
 }
+LOOSE = "design"  # part of the fields that belong to no other
 NAMED = (Spectrum, Filter, Sensitivity)  # specifications that a name of the catalogue stands for
 UNTOLD = ("name", "description", "parent", "parts")
 OPEN = "open"  # shown for a field that holds a table of one's own
@@ -103,27 +105,16 @@ class Part:
 
 def parts(design: Design) -> tuple[Part, ...]:
     """All controls of a design by part; each LED group is a part of its own."""
-    found: list[Part] = []
-    loose: list[Control] = []
-    own = OwnParts() if design.parts is None else design.parts.parts
-    for name in type(design).model_fields:
-        if name in UNTOLD:
-            continue
-        value = getattr(design, name)
-        if isinstance(value, BaseModel):
-            found.append(Part(name, TITLES[name], tuple(_controls(value, f"{name}.", design, own))))
-        else:
-            loose += _control(design, name, type(design).model_fields[name], name, design, own)
-        if name == "leds":
-            found += [
-                Part(
-                    f"leds.groups.{index}",
-                    f"LED group {group.name}",
-                    tuple(_controls(group, f"leds.groups.{index}.", design, own)),
-                )
-                for index, group in enumerate(design.leds.groups)
-            ]
-    return (*found, Part("design", TITLES["design"], tuple(loose)))
+    return tuple(Part(key, title, tuple(controls)) for key, title, controls in _parts(design))
+
+
+def control_at(design: Design, path: str) -> Control | None:
+    """The control of one field, one of `parts`, which takes longer to make; None where there is none."""
+    found: Iterable[Control] = ()
+    for key, _, controls in _parts(design):
+        if path.startswith(f"{key}.") or (key == LOOSE and not found):
+            found = controls  # an LED group comes behind the part of all LEDs
+    return next((control for control in found if control.path == path), None)
 
 
 def slider_range(control: Control, around: float | None) -> tuple[float, float, float] | None:
@@ -183,6 +174,25 @@ def _only_numbers(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return all(_only_numbers(item) for item in value)
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _parts(design: Design) -> Iterator[tuple[str, str, Iterable[Control]]]:
+    """Key, title and controls of each part; controls are made as they are asked for."""
+    own = OwnParts() if design.parts is None else design.parts.parts
+    loose: list[Iterable[Control]] = []
+    for name, info in type(design).model_fields.items():
+        if name in UNTOLD:
+            continue
+        value = getattr(design, name)
+        if isinstance(value, BaseModel):
+            yield name, TITLES[name], _controls(value, f"{name}.", design, own)
+        else:
+            loose.append(_control(design, name, info, name, design, own))
+        if name == "leds":
+            for index, group in enumerate(design.leds.groups):
+                key = f"leds.groups.{index}"
+                yield key, f"LED group {group.name}", _controls(group, f"{key}.", design, own)
+    yield LOOSE, TITLES[LOOSE], chain.from_iterable(loose)
 
 
 def _controls(spec: BaseModel, prefix: str, design: Design, own: OwnParts) -> Iterator[Control]:

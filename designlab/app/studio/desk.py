@@ -37,7 +37,7 @@ class Desk(Protocol):
     runs: Runs
 
     def ask(self, lane: str, job: Any, answer: Answer, *, priority: int = 0) -> int:
-        """Ask the worker; `answer` gets each step. An older request of the lane is forgotten."""
+        """Ask the worker; `answer` gets each step. An older request of the lane gives way to it."""
         ...
 
     def forget(self, lane: str) -> None:

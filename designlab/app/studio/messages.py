@@ -115,7 +115,7 @@ class Request:
     number : int
         Ascending over all requests.
     digest : str
-        Of the design that was shown when it was asked for.
+        Of the design of the job; of the one that was shown when it was asked for where the job has none.
     """
 
     client: str
@@ -137,6 +137,14 @@ class Reply:
     content: Any = None
     error: str = ""
     last: bool = False
+
+
+def still_shown(reply: Reply, newest: Request) -> bool:
+    """Whether a reply is shown though a newer request of its lane has come: a picture of the same design is.
+
+    The picture follows a probe that is dragged so, faster than pictures are made.
+    """
+    return isinstance(reply.content, Picture) and reply.digest == newest.digest
 
 
 class Rest(NamedTuple):

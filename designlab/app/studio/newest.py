@@ -83,6 +83,12 @@ class NewestQueue:
         with self._changed:
             return self._newest.get(task.key) != task.number
 
+    def newer(self, task: Task) -> Task | None:
+        """The task that is to be done in place of this one, None where there is none."""
+        with self._changed:
+            waiting = self._waiting.get(task.key)
+            return waiting if waiting is not None and waiting.number > task.number else None
+
     def better_waits(self, task: Task) -> bool:
         """Whether a task waits that comes before this one, or takes its place."""
         with self._changed:

@@ -81,9 +81,11 @@ class Page:
             self.warn(problem)
 
     def ask(self, lane: str, job: Any, answer: Answer, *, priority: int = 0) -> int:
-        """Ask the worker; `answer` gets each step. An older request of the lane is forgotten."""
+        """Ask the worker; `answer` gets each step. An older request of the lane gives way to it."""
         self._lanes[lane] = answer
-        return self._worker.ask(self.client.id, lane, job, digest=self.session.digest, priority=priority)
+        design = getattr(job, "design", self.session.design)
+        digest = self.session.digest if design is self.session.design else design.digest
+        return self._worker.ask(self.client.id, lane, job, digest=digest, priority=priority)
 
     def forget(self, lane: str) -> None:
         """Forget what was asked for in a lane."""

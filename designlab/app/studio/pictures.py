@@ -10,10 +10,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
 from designlab.app.studio.newest import Superseded
@@ -30,7 +32,7 @@ from designlab.sensor.camera import EXPOSING
 from designlab.sensor.design import LABELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.render.session import SESSION
-from designlab.simulation.simulator import Frame, Simulator, exposure
+from designlab.simulation.simulator import GRAIN_PX, Frame, Simulator, exposure
 from geometries.elastomer import base_gradient
 
 Thing = TypeVar("Thing")
@@ -148,6 +150,18 @@ class Bench:
         key = self.light(design), fineness, samples, None if press is None else press.model_dump_json(), None
         return key in self._frames
 
+    def protocol(self, design: Design, fineness: Fineness, samples: int) -> EvaluationProtocol:
+        """Camera of a design with its exposure, which is set by the untouched gel."""
+        untouched = self.frame(design, fineness, samples, None)
+
+        def smooth() -> Any:
+            return gaussian_filter(untouched.basis, (0, GRAIN_PX, GRAIN_PX), mode="nearest")
+
+        # To smooth before mixing gives the same exposure, and can be kept.
+        key = self.light(design), fineness, samples, "smooth"
+        even = replace(untouched, basis=_remembered(self._frames, key, smooth, FRAMES_KEPT))
+        return EvaluationProtocol(design, exposure(design, even, grain_px=0.0), SEED)
+
     def slope_response(self, design: Design, fineness: Fineness, samples: int) -> Array:
         """What `Simulator.slope_response` gives."""
         key = self.light(design), fineness, samples, "slope response"
@@ -161,7 +175,7 @@ def steps(
     """Pictures of a job, each better than the last, and a relief as soon as the first full one is there.
 
     What takes longer waits until the knob rests: while it is turned, only first pictures are made. Better
-    light is given up as soon as `waits` says that something else is to come first.
+    light and reliefs are given up as soon as `waits` says that something else is to come first.
 
     Raises
     ------
@@ -192,23 +206,23 @@ def steps(
             return
         if level in (start, last):
             yield Rest(REST_S)
-            if (found := _relief(bench, job, samples)) is not None:
+            if (found := _relief(bench, job, samples, waits)) is not None:
                 yield found
 
 
 @contextmanager
 def unless(waits: Callable[[], bool]) -> Iterator[None]:
     """Bake light unless something waits that comes first: `Superseded` is raised then."""
-
-    def between() -> None:
-        if waits():
-            raise Superseded
-
-    before, SESSION.between = SESSION.between, between
+    before, SESSION.between = SESSION.between, partial(_give_way, waits)
     try:
         yield
     finally:
         SESSION.between = before
+
+
+def _give_way(waits: Callable[[], bool]) -> None:
+    if waits():
+        raise Superseded
 
 
 def _words(level: int, last: int, *, coarse: bool) -> str:
@@ -219,7 +233,7 @@ def _words(level: int, last: int, *, coarse: bool) -> str:
 def _picture(bench: Bench, job: PictureJob, fineness: Fineness, samples: int, step: str) -> Picture:
     design = job.design
     untouched = bench.frame(design, fineness, samples, None)
-    protocol = EvaluationProtocol(design, exposure(design, untouched), SEED)
+    protocol = bench.protocol(design, fineness, samples)
     note, shown = "", untouched
     if job.press is not None:
         try:
@@ -276,7 +290,7 @@ def _grain(bench: Bench, design: Design, samples: int) -> float:
     return float(np.sqrt(np.mean((halves[0] - halves[1]) ** 2)) / 2 / mean) if mean > 0 else math.nan
 
 
-def _relief(bench: Bench, job: PictureJob, samples: int) -> Relief | None:
+def _relief(bench: Bench, job: PictureJob, samples: int, waits: Callable[[], bool]) -> Relief | None:
     """Normals and heights as they are read off the picture by the light that is known; None without one."""
     design, fineness = job.design, bench.effort.coarse
     if job.press is None or not bench.simulator(design, fineness, samples).has_light_field:
@@ -286,12 +300,17 @@ def _relief(bench: Bench, job: PictureJob, samples: int) -> Relief | None:
         frame = bench.frame(design, fineness, samples, job.press)
     except (ValueError, NotConverged):
         return None
-    protocol = EvaluationProtocol(design, exposure(design, untouched), SEED)
+    protocol = bench.protocol(design, fineness, samples)
     near = protocol.near_field(untouched, np.asarray(bench.slope_response(design, fineness, samples)))
+    _give_way(waits)
     image = protocol.picture(frame, 10)
     pitch = frame.rays.pitch_mm
     first = near.estimate(image).height_mm(pitch_mm=pitch)
-    found = near.shadowed(first, pitch_mm=pitch).estimate(image)
+    _give_way(waits)
+    shadowed = near.shadowed(first, pitch_mm=pitch)
+    _give_way(waits)
+    found = shadowed.estimate(image)
+    _give_way(waits)
     height = found.height_mm(pitch_mm=pitch)
     base_p, base_q = (np.nan_to_num(part) for part in base_gradient(design.elastomer, *frame.seen_mm))
     field = normals(found.p + base_p, found.q + base_q)

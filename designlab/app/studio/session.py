@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from designlab.app.studio.controls import Control, Part, parts
+from designlab.app.studio.controls import Control, Part, control_at, parts
 from designlab.app.studio.structure import (
     BESIDE,
     replacements,
@@ -159,7 +159,7 @@ class Session:
         DesignError
             If the value breaks a rule of the field; the design stays as it was.
         """
-        control = self.controls().get(path)
+        control = control_at(self.design, path)
         if control is None:
             raise NotAllowed(f"{path[:80]}: is no field that can be changed here")
         if control.choices and value is not None and value not in control.choices:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from designlab.app.studio import worker
-from designlab.app.studio.messages import Reply, Request
+from designlab.app.studio.messages import Reply, Request, still_shown
 
 MOST_DEATHS = 3
 """Deaths over one request after which it is given up."""
@@ -101,11 +101,13 @@ class Supervisor:
                 self._on_reply(reply)
 
     def _is_open(self, reply: Reply) -> bool:
-        """Whether somebody still waits for a reply: a late one of an older request is dropped."""
+        """Whether somebody still waits for a reply: few of an older request are of use."""
         with self._lock:
             request = self._open.get((reply.client, reply.lane))
-            if request is None or request.number != reply.number:
+            if request is None:
                 return False
+            if request.number != reply.number:
+                return still_shown(reply, request)
             if reply.last:
                 del self._open[reply.client, reply.lane]
             return True

@@ -23,6 +23,7 @@ from designlab.app.studio.messages import (
     ScoreJob,
     StudyJob,
     UploadJob,
+    still_shown,
 )
 from designlab.app.studio.newest import NewestQueue, Superseded, Task
 
@@ -81,7 +82,7 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
             task.state = handlers.steps(request.job, lambda: queue.better_waits(task))
         content = next(task.state)
     except StopIteration:
-        _tell(pipe, request, last=True)
+        _tell(pipe, _reply(request, last=True))
         return
     except Superseded:
         task.state = None  # begins anew when nothing better waits
@@ -92,20 +93,27 @@ def _step(task: Task, queue: NewestQueue, pipe: "Connection[Any, Any]", handlers
         found = judged(error)
         if found.cause == "defect":
             traceback.print_exception(error)  # the page tells its name alone
-        _tell(pipe, request, error=found.text, last=True)
+        _tell(pipe, _reply(request, error=found.text, last=True))
         return
+    reply = _reply(request, content=content)
     if queue.superseded(task):
+        newer = queue.newer(task)
+        if newer is not None and still_shown(reply, newer.work):
+            _tell(pipe, reply)
         return
     if isinstance(content, Rest):
         task.ready_at = time.monotonic() + content.seconds
     else:
-        _tell(pipe, request, content=content)
+        _tell(pipe, reply)
         task.steps += 1
     queue.put(task)
 
 
-def _tell(pipe: "Connection[Any, Any]", request: Request, **told: Any) -> None:
-    reply = Reply(request.client, request.lane, request.number, request.digest, **told)
+def _reply(request: Request, **told: Any) -> Reply:
+    return Reply(request.client, request.lane, request.number, request.digest, **told)
+
+
+def _tell(pipe: "Connection[Any, Any]", reply: Reply) -> None:
     with contextlib.suppress(BrokenPipeError, OSError):
         pipe.send(reply)
 

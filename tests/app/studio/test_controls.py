@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from designlab.app.studio.controls import Control, numbers_text, parts, read_numbers, slider_range
+from designlab.app.studio.controls import Control, control_at, numbers_text, parts, read_numbers, slider_range
 from designlab.app.studio.rule_fields import RULE_FIELDS
 from designlab.sensor.design import preset, preset_names
 from designlab.sensor.design_fields import fields
@@ -22,6 +22,15 @@ def test_every_preset_has_controls_that_give_its_own_values_back(name):
         if control.kind == "number" and control.value is not None:
             where, value = control.edit(control.value)
             assert design.replace({where: value}).digest == design.digest, path
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_one_control_is_found_as_it_is_among_all(name):
+    design = preset(name)
+    for path, control in by_path(design).items():
+        assert control_at(design, path) == control
+    for path in ("leds", "leds.groups.9.flux_mw", "leds.tilt", "name", "parts", ""):
+        assert control_at(design, path) is None
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,40 @@
 
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from designlab.app.studio.messages import Request, ScoreJob
+from designlab.app.studio.messages import (
+    Picture,
+    PictureJob,
+    Relief,
+    Reply,
+    Request,
+    Rest,
+    ScoreJob,
+    StudyJob,
+)
 from designlab.app.studio.newest import NewestQueue, Superseded, Task
+from designlab.app.studio.supervisor import Supervisor
 from designlab.app.studio.worker import _step
+from designlab.sensor.design import preset
+
+LANE = ("tab", "picture")
+POINTS = np.zeros((9, 9))
+FIRST = Picture(b"", (4, 3), True, POINTS, POINTS, 0.0, "coarse")
+FULL = FIRST._replace(step="full light")
+RELIEF = Relief(b"", b"", 0.0, 1.0, {})
+
+
+def asked(number, digest="one"):
+    return Request(*LANE, number, digest, PictureJob(None, None))
+
+
+def put(queue, request):
+    queue.put(Task(LANE, request.number, request))
 
 
 def task(key, number, **more):
@@ -127,3 +154,107 @@ def test_what_is_given_up_begins_anew_unless_nothing_is_wanted_of_it(dropped, le
         found.append(waiting.key[1])
     assert found.count("scores") == left
     assert told == []
+
+
+@pytest.mark.parametrize(
+    ("content", "digest", "told"),
+    [(FIRST, "one", True), (FIRST, "other", False), (RELIEF, "one", False), (Rest(1.0), "one", False)],
+)
+def test_a_picture_that_is_overtaken_is_told_where_the_design_is_the_same(content, digest, told):
+    queue, found = NewestQueue(), []
+    put(queue, asked(1))
+
+    def made(job, waits):
+        put(queue, asked(2, digest))
+        put(queue, asked(3, digest))
+        yield content
+
+    _step(queue.take(0), queue, SimpleNamespace(send=found.append), SimpleNamespace(steps=made))
+    assert [reply.number for reply in found] == ([1] if told else [])
+    assert queue.take(0).number == 3
+    assert queue.take(0) is None
+
+
+def test_a_picture_of_a_tab_that_was_closed_meanwhile_is_not_told():
+    queue, found = NewestQueue(), []
+    put(queue, asked(1))
+
+    def made(job, waits):
+        put(queue, asked(2))
+        queue.drop(lambda key: True)
+        yield FIRST
+
+    _step(queue.take(0), queue, SimpleNamespace(send=found.append), SimpleNamespace(steps=made))
+    assert found == []
+
+
+@pytest.mark.parametrize("count", [5, 40])
+def test_pictures_follow_a_probe_that_is_dragged_faster_than_they_are_made(count):
+    queue, found = NewestQueue(), []
+    moved, moves = [], iter(range(1, count + 1))
+
+    def move():
+        if (number := next(moves, None)) is not None:
+            put(queue, asked(number))
+            moved.append(number)
+
+    def made(job, waits):
+        for _ in range(3):  # moves while a picture is made
+            move()
+        yield FIRST
+        yield Rest(0.0)
+        yield FULL
+
+    move()
+    while (task := queue.take(0)) is not None:
+        _step(
+            task,
+            queue,
+            SimpleNamespace(send=lambda reply: found.append((reply, len(moved)))),
+            SimpleNamespace(steps=made),
+        )
+    pictures = [(reply.number, reply.content.step) for reply, _ in found if reply.content]
+    assert pictures[-2:] == [(count, FIRST.step), (count, FULL.step)]
+    numbers = [number for number, _ in pictures]
+    assert numbers == sorted(numbers)
+    # Each was begun with the newest move of then, 3 moves before it was told.
+    during = [(reply.number, newest) for reply, newest in found if newest < count]
+    assert len(during) == (count - 2) // 3
+    assert all(number == newest - 3 for number, newest in during)
+
+
+@pytest.mark.parametrize(
+    ("content", "digest", "number", "handed_on"),
+    [
+        (FIRST, "one", 3, True),
+        (FIRST, "one", 2, True),
+        (FIRST, "older", 2, False),
+        (RELIEF, "one", 2, False),
+        (None, "one", 2, False),
+    ],
+)
+def test_of_older_requests_the_page_gets_pictures_of_the_same_design_alone(
+    content, digest, number, handed_on
+):
+    supervisor = Supervisor(lambda reply: None, lambda: None)
+    supervisor._pipe = SimpleNamespace(send=lambda message: None)
+    for each in (digest, digest, "one"):
+        supervisor.ask(*LANE, None, digest=each)
+    last = content is None
+    assert supervisor._is_open(Reply(*LANE, number, digest, content, last=last)) is handed_on
+    assert supervisor._is_open(Reply(*LANE, 3, "one", last=True))  # it still waits for its own
+    assert not supervisor._is_open(Reply(*LANE, 2, "one", FIRST))
+
+
+def test_a_request_is_of_the_design_of_its_job():
+    """So a picture of what was pinned before is not taken for that of what is pinned now."""
+    pytest.importorskip("nicegui", reason="NiceGUI is not installed")
+    from designlab.app.studio.page import Page
+
+    told = []
+    worker = SimpleNamespace(ask=lambda client, lane, job, **more: told.append(more["digest"]))
+    page = Page(SimpleNamespace(id="tab"), Path(), worker, None)
+    own, other = page.session.design, preset("gelsight-2020-flat")
+    for job in (PictureJob(own, None), PictureJob(other, None), StudyJob(Path())):
+        page.ask("lane", job, told.append)
+    assert told == [own.digest, other.digest, own.digest]

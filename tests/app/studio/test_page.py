@@ -11,6 +11,30 @@ from tests.helpers.studio import FULL, PICTURE_MS, Studio, pages
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow]
 NAME = "gelsight-2020-flat"  # in air, which is quick
+ORDER = """
+() => {
+  window.order = [];
+  window.addEventListener("studio-picture", () => order.push("picture"));
+  const socket = window.socket.io.engine.transport.ws;
+  socket.addEventListener("message", (event) => {
+    if (String(event.data).startsWith('42["update"')) order.push("page");
+  });
+}
+"""
+FOLLOW = """
+() => {
+  window.asked = [];
+  window.followed = [];
+  const expect = studio.expect;
+  studio.expect = (digest, request) => { asked.push(request); expect(digest, request); };
+  window.addEventListener("studio-picture", (event) => {
+    if (event.detail.slot !== "now") return;
+    const digest = document.getElementById("picture-now").dataset.digest;
+    const facts = document.getElementById("facts")?.textContent;
+    followed.push({ digest, facts, request: event.detail.request, step: event.detail.step });
+  });
+}
+"""
 STALE = "document.getElementById('stage').classList.contains('stale')"
 
 
@@ -77,8 +101,10 @@ def test_the_probe_is_dragged_pushed_and_moved_by_keys(page):
     for step in range(1, 6):
         tab.mouse.move(middle[0] + 20 * step, middle[1] - 5 * step)
     tab.mouse.up()
-    tab.wait_for_function(
-        f"+document.getElementById('picture-now').dataset.request > {before}", timeout=PICTURE_MS
+    tab.wait_for_function(  # a full one comes when nothing moves any more
+        f"(({{request, step}}) => +request > {before} && !step.startsWith('coarse'))"
+        "(document.getElementById('picture-now').dataset)",
+        timeout=PICTURE_MS,
     )
     moved = float(x.input_value())
     assert moved > 1.0
@@ -94,6 +120,50 @@ def test_the_probe_is_dragged_pushed_and_moved_by_keys(page):
     assert digest(tab) == preset(NAME).digest
 
 
+def test_the_picture_follows_a_probe_that_is_dragged(page):
+    tab = page("?design=default")
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    tab.evaluate(FOLLOW)
+    box = tab.locator("#pictures").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.mouse.move(*middle)
+    tab.mouse.down()
+    for step in range(30):
+        tab.mouse.move(middle[0] + 4 * step, middle[1] - 2 * step)
+        tab.wait_for_timeout(50)
+    during = tab.evaluate("followed.slice()")
+    assert float(tab.get_by_label("x (mm)").input_value()) > 0.3  # numbers follow too
+    tab.mouse.up()
+    last = "followed.at(-1)?.request === asked.at(-1)"
+    tab.wait_for_function(f"asked.length > 20 && {last}", timeout=PICTURE_MS)
+    tab.wait_for_function(f"{last} && followed.at(-1).step === 'full light'", timeout=PICTURE_MS)
+    numbers = tab.evaluate("followed.map((each) => each.request)")
+    assert numbers == sorted(numbers)
+    assert len({each["request"] for each in during}) >= 3
+    assert {each["digest"] for each in during} == {preset("default").digest}
+    assert not tab.evaluate(STALE)
+
+
+def test_force_and_depth_beside_a_picture_are_those_of_its_press(page):
+    from designlab.app.studio.views.design import DEEPER
+
+    tab = page("?design=default")
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    depth_mm = float(tab.get_by_label("depth (mm)").input_value())
+    first = int(tab.get_attribute("#picture-now", "data-request"))  # of which a fine picture may follow
+    tab.evaluate(FOLLOW)
+    for _ in range(12):
+        tab.evaluate("emitEvent('studio_push', {steps: 1})")
+        tab.wait_for_timeout(100)
+    tab.wait_for_function("asked.length === 12 && followed.at(-1)?.request === asked[11]", timeout=PICTURE_MS)
+    asked, followed = tab.evaluate("[asked, followed]")
+    pushes = {request: count for count, request in enumerate([first, *asked])}
+    for each in followed:
+        told = float(each["facts"].partition("depth ")[2].partition(" mm")[0])
+        assert told == pytest.approx(depth_mm * DEEPER ** pushes[each["request"]], abs=0.006)
+    assert len({each["facts"] for each in followed}) >= 3
+
+
 def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):
     tab = page("?design=default")
     turn(tab, "leds.radius_mm", 25)
@@ -107,6 +177,52 @@ def test_a_broken_rule_is_told_beside_its_field_and_a_wrong_value_too(page):
     tab.click("#undo")
     tab.wait_for_function("!document.getElementById('banner').offsetParent")
     assert wrong.inner_text() == ""
+
+
+def test_why_there_is_no_picture_stays_above_it(page):
+    tab = page("?design=default")
+    tab.get_by_text("Gel", exact=True).click()
+    turn(tab, "elastomer.thickness_mm", 19)
+    why = tab.locator("#banner").filter(has_text="z must be above the window")
+    why.wait_for(timeout=PICTURE_MS)
+    tab.wait_for_timeout(600)  # rules that are broken are told meanwhile
+    assert why.is_visible()
+
+
+def test_a_picture_is_shown_before_anything_else_on_the_page_changes(page):
+    tab = page()
+    tab.wait_for_function(FULL, timeout=PICTURE_MS)
+    tab.get_by_text("LED group red").click()
+    tab.locator('[data-path="leds.groups.0.flux_mw"] input').last.wait_for()
+    tab.evaluate(ORDER)
+    orders = []
+    for number in range(12):
+        before = digest(tab)
+        tab.evaluate("order.length = 0")
+        turn(tab, "leds.groups.0.flux_mw", 10 + number)
+        new_picture(tab, before)
+        tab.wait_for_function("order.includes('page')")  # soon: else scores were told next
+        orders.append(tab.evaluate("order")[0])
+    # Of a machine so busy that the picture takes long, the page does not wait for it.
+    assert "picture" in orders
+
+
+def test_number_and_rules_follow_a_slider_that_is_held(page):
+    tab = page("?design=default")
+    knob = tab.locator('[data-path="leds.radius_mm"]')
+    box = knob.locator(".q-slider").first.bounding_box()
+    y = box["y"] + box["height"] / 2
+    tab.mouse.move(box["x"] + box["width"] / 2, y)
+    tab.mouse.down()
+    banner, shown = tab.locator("#banner"), set()
+    for step in range(60):
+        tab.mouse.move(box["x"] + box["width"] * (0.7 + 0.25 * (step % 10) / 10), y)
+        tab.wait_for_timeout(50)
+        shown.add(knob.locator("input").last.input_value())
+    told = banner.is_visible() and "every LED body lies inside the housing" in banner.inner_text()
+    tab.mouse.up()
+    assert told
+    assert len(shown) > 5
 
 
 def test_what_is_refused_stays_while_the_change_before_it_is_shown(page):

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from designlab.app.studio import pictures
 from designlab.app.studio.messages import Picture, PictureJob, Relief, Rest
 from designlab.app.studio.newest import Superseded
 from designlab.app.studio.pictures import Bench, steps
 from designlab.app.studio.session import Session
 from designlab.sensor.design import preset
 from designlab.simulation.render.session import SESSION
-from designlab.simulation.simulator import Simulator
+from designlab.simulation.simulator import Simulator, exposure
 
 pytestmark = [pytest.mark.renders, pytest.mark.slow, pytest.mark.llvm]
 NAME = "gelsight-2020-flat"
@@ -68,24 +69,52 @@ def test_what_is_only_mixed_is_not_rendered_again(bench, monkeypatch, path, valu
     assert (pixels(first) != pixels(before)).any()
 
 
+@pytest.mark.parametrize(
+    ("path", "value"), [("leds.groups.0.flux_mw", 40.0), ("camera.gain_db", 6.0), ("camera.exposure", 0.7)]
+)
+def test_the_exposure_of_what_is_mixed_again_is_the_camera_s_own(bench, monkeypatch, path, value):
+    session = Session("default", preset("default"))  # whose exposure is automatic
+    shown(bench, session)
+    monkeypatch.setattr(pictures, "gaussian_filter", lambda *_, **__: pytest.fail("smoothed again"))
+    before = bench.protocol(session.design, bench.effort.full, 8).exposure
+    session.change(path, value)
+    untouched = bench.frame(session.design, bench.effort.full, 8, None)
+    found = bench.protocol(session.design, bench.effort.full, 8).exposure
+    assert found == pytest.approx(exposure(session.design, untouched), rel=1e-6)
+    assert path == "camera.gain_db" or found != pytest.approx(before, rel=1e-3)
+
+
 def test_better_light_is_given_up_for_what_comes_first_and_made_later(bench):
     session = Session("mine", preset("default").replace({"leds.height_mm": 6.5}))
     job, asked = PictureJob(session.design, session.press), []
 
     def waits():
         asked.append(True)
-        return len(asked) > 2  # in the midst of the first light that is baked better
+        return len(asked) > 6  # the relief asks four times; in the midst of the light that is baked better
 
     coming = steps(bench, job, waits)
-    first = [step for step in (next(coming) for _ in range(5)) if isinstance(step, Picture)]
+    first = [step for step in (next(coming) for _ in range(4)) if isinstance(step, Picture)]
     assert [step.step for step in first] == ["coarse, light 1 of 2", "light 1 of 2"]
     assert asked == []  # first pictures are made whatever comes
+    assert isinstance(next(coming), Relief)
     with pytest.raises(Superseded):
         list(coming)
-    assert len(asked) == 3
+    assert len(asked) == 7
     again = [step.step for step in steps(bench, job) if isinstance(step, Picture)]
     assert again == ["light 1 of 2", "full light"]
     assert SESSION.between() is None
+
+
+def test_a_relief_is_given_up_for_what_comes_first(bench):
+    session = Session(NAME, preset(NAME))
+    shown(bench, session)
+    session.move_press(centre_mm=(0.7, -0.3))
+    coming = steps(bench, PictureJob(session.design, session.press), lambda: True)
+    found = [next(coming) for _ in range(4)]
+    assert [type(step) for step in found] == [Picture, Rest, Picture, Rest]
+    assert found[2].step == "full light"
+    with pytest.raises(Superseded):
+        next(coming)
 
 
 @pytest.mark.parametrize("centre", [(60.0, 0.0), (0.0, -80.0), (45.0, 45.0)])

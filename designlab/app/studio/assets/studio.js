@@ -21,6 +21,7 @@
         element("stage").classList.toggle("stale", stale);
         const coming = expected.failed ? "of this one there is no picture" : "the new picture is on its way";
         element("caption").textContent = stale ? `previous design; ${coming}` : picture.caption;
+        element("facts").textContent = picture.facts;
         element("stage").style.setProperty("--shape", picture.shape);
       }
     }
@@ -113,7 +114,7 @@
       draw();
     },
     show(slot, picture) {
-      if (slot === "now" && (picture.request < expected.request || picture.digest !== expected.digest)) return;
+      if (slot === "now" && picture.digest !== expected.digest) return;
       const before = shown[slot];
       if (before && before.request > picture.request) return;
       shown[slot] = picture;

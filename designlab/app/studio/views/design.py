@@ -21,7 +21,9 @@ from designlab.simulation.contact.press import Press
 from geometries.probes import REACH, Probe
 
 REST_S = 0.8  # after the last turn, and after its first picture, before scores and drawing follow
-SETTLE_S = 0.12  # after which knobs and rules are shown if no picture has come before
+# A browser lays the whole page out anew when a value on it changes, and shows no picture meanwhile. So knobs
+# and rules follow this long after a turn, and this often while turns go on.
+SETTLE_S, SETTLE_EVERY_S = 0.12, 0.5
 LOOK_S = 0.1
 NUDGE_MM, LARGE_NUDGE_MM = 0.1, 1.0
 DEEPER = 1.08  # a step of the wheel
@@ -36,12 +38,13 @@ class DesignView:
     def __init__(self, page: Desk) -> None:
         self._page = page
         self._turned_at = self._pictured_at = time.monotonic()
+        self._unsettled_at: float | None = None  # first turn that knobs and rules do not show yet
         self._followed = ""  # digest that scores and drawing were asked for
         self._scores: dict[str, Score] = {}
         self._unscored = ""  # why the design that was followed has none
         self._grid: Picture | None = None
         self._begun = False
-        self._unsettled = self._awaited = False
+        self._awaited: int | None = None  # request of which no picture has come
         self._banner = ui.label("").classes("banner").props('role="alert" id="banner"')
         with ui.element("div").classes("bench"):
             with ui.element("div").classes("left").props('aria-label="Knobs"'):
@@ -131,6 +134,7 @@ class DesignView:
             self._page.warn(str(error).removeprefix("replace(): field "))
             return
         self._changed()
+        self._settle()  # other knobs are there
 
     def _press_set(self, name: str, value: Any) -> str:
         press = self._page.session.press
@@ -150,9 +154,10 @@ class DesignView:
             self._page.session.move_press(going_on=going_on, **changes)
         except NotAllowed as error:
             return str(error)
+        self._press_changed()
         if not going_on:
             self._page.session.rest()
-        self._press_changed()
+            self._settle()
         return ""
 
     def _touched(self, event: Any) -> None:
@@ -172,30 +177,37 @@ class DesignView:
         self._move(going_on=True, centre_mm=(round(x + step * right, 3), round(y + step * up, 3)))
 
     def _press_changed(self) -> None:
-        self._turned_at = time.monotonic()
-        self._press.update(self._page.session.press)
-        self._ask_picture()
+        self._asked()
         self._ask_pinned()
-        self._mark()
-        self._page.changed()
 
     def _changed(self) -> None:
-        """Show the state, and ask for what belongs to it."""
-        self._turned_at = time.monotonic()
-        self._ask_picture()  # first, and what takes this process long when the picture has come
-        self._unsettled = True
-        self._press.update(self._page.session.press)
-        self._page.changed()
-        self._mark()
+        """Ask for what belongs to the state; all but the picture is shown when that is on its way."""
+        self._asked()
         if self._followed != self._page.session.digest:
-            self._sensor.outdated()
             self._followed = ""
             self._page.forget(SCORES)
 
+    def _asked(self) -> None:
+        """Ask for the picture; knobs are behind from now on."""
+        self._turned_at = time.monotonic()
+        self._ask_picture()
+        if self._unsettled_at is None:
+            self._unsettled_at = self._turned_at
+
+    def _follow(self) -> None:
+        """Show the number that a slider is turned to, and mark what belongs to an older design."""
+        self._knobs.follow()
+        if not self._followed:
+            self._sensor.outdated()
+            self._show_scores()
+
     def _settle(self) -> None:
-        """Show values and rules beside the knobs, and the scores that there are."""
+        """Show values and rules beside the knobs, where the probe is, and the scores that there are."""
         session = self._page.session
-        self._unsettled = False
+        self._unsettled_at = None
+        self._press.update(session.press)
+        self._mark()
+        self._page.changed()
         self._knobs.update(session)
         self._banner.set_text(fields_wrong(session.broken))
         self._banner.set_visibility(bool(self._banner.text))
@@ -211,9 +223,8 @@ class DesignView:
 
     def _ask_picture(self) -> None:
         session = self._page.session
-        self._awaited = True
-        number = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
-        call(self._page.client, "expect", session.digest, number)
+        self._awaited = self._page.ask(NOW, PictureJob(session.design, self._shown_press), self._picture)
+        call(self._page.client, "expect", session.digest, self._awaited)
 
     def _ask_pinned(self) -> None:
         session = self._page.session
@@ -226,9 +237,11 @@ class DesignView:
         session = self._page.session
         if reply.digest != session.digest:
             return  # made for a design that is no longer shown
-        if self._awaited:
-            self._awaited, self._pictured_at = False, time.monotonic()
+        if reply.number == self._awaited:
+            self._awaited, self._pictured_at = None, time.monotonic()
         if reply.error:
+            if self._unsettled_at is not None:
+                self._settle()  # which has its own say in the banner
             self._banner.set_text(reply.error)
             self._banner.set_visibility(True)
             call(self._page.client, "fail", reply.digest)
@@ -243,8 +256,6 @@ class DesignView:
                 name=session.design.name,
             )
             self._mark()
-            if self._unsettled:
-                self._settle()
         elif isinstance(reply.content, Relief):
             self._stage.relief(self._page.client, reply.content, digest=reply.digest, request=reply.number)
 
@@ -272,13 +283,17 @@ class DesignView:
     def _look(self) -> None:
         """Ask for scores and drawing once the knobs are at rest."""
         now = time.monotonic()
-        if self._unsettled and now - self._turned_at > SETTLE_S:
-            self._settle()
+        if self._unsettled_at is not None:
+            behind = now - self._unsettled_at
+            if behind > SETTLE_S or self._awaited is None:
+                self._follow()
+            if now - self._turned_at > SETTLE_S or behind > SETTLE_EVERY_S:
+                self._settle()
         if not self._begun or now - self._turned_at < REST_S:
             return
         self._page.remember()
         session = self._page.session
-        if self._awaited or now - self._pictured_at < REST_S or self._followed == session.digest:
+        if self._awaited is not None or now - self._pictured_at < REST_S or self._followed == session.digest:
             return
         self._followed = session.digest
         self._ask_model()

@@ -50,7 +50,8 @@ class Header:
         self._source.set_value(session.source)
         count = len(session.edits)
         self._name.set_text(f"{count} change{'s' if count > 1 else ''}" if count else "")
-        self._name.props["title"] = session.design.name  # which lists them
+        if self._name.props.get("title") != session.design.name:  # to set it lays the page out anew
+            self._name.props["title"] = session.design.name  # which lists them
         self._undo.set_enabled(session.can_undo)
         self._redo.set_enabled(session.can_redo)
         self._pin.set_text("pin" if session.pin is None else "unpin")

@@ -58,6 +58,11 @@ class Knobs:
                     row.update(control)
         self._tell(session.broken, found)
 
+    def follow(self) -> None:
+        """Show the numbers that sliders are turned to."""
+        for row in self._rows.values():
+            row.follow()
+
     def _build(self, found: tuple[Part, ...]) -> None:
         self._rows.clear()
         self._boxes.clear()
@@ -136,6 +141,7 @@ class Row:
         self.control, self._turned = control, turned
         self._own = control.value  # as turned to here, whatever of the design is shown yet
         self._quiet = True
+        self._behind: Any = None  # slider or entry that has yet to show what the other was set to
         self._slider: Any = None
         with ui.element("div").classes("knob") as self.box:
             self.box.props(f'data-path="{control.path}"')
@@ -155,10 +161,19 @@ class Row:
         elsewhere = control.value != self._own
         self.control, self._own = control, control.value
         if elsewhere:
-            self._said = ""
+            self._said, self._behind = "", None
             self._show(self._field, self._shown(control.value))
             self._slide_to(control.value)
             self._say()
+        elif self._behind is not None and self._behind is self._slider:
+            self._behind = None
+            self._slide_to(self._own)
+
+    def follow(self) -> None:
+        """Show the number that the slider is turned to."""
+        if self._behind is self._field:
+            self._behind = None
+            self._show(self._field, self._shown(self._own))
 
     def violated(self, text: str) -> None:
         """Say which rule the field breaks; nothing where it breaks none."""
@@ -230,7 +245,7 @@ class Row:
         if not self._quiet:
             self._turn(value, going_on)
             if not self._said:
-                self._show(self._field, self._shown(self._own))
+                self._behind = self._field
 
     def _set(self, event: Any) -> None:
         """Take what was picked."""
@@ -242,7 +257,7 @@ class Row:
         self._take(event.args if isinstance(event.args, str) else self._field.value)
 
     def _take(self, given: Any) -> None:
-        control = self.control
+        control, self._behind = self.control, None
         try:
             value = self._read(given, control)
         except ValueError as error:
@@ -255,7 +270,7 @@ class Row:
             return
         self._turn(value, False)
         if not self._said:
-            self._slide_to(value)
+            self._behind = self._slider
 
     def _read(self, given: Any, control: Control) -> Any:
         if control.kind == "number":

@@ -36,7 +36,7 @@ class Stage:
         with ui.element("div").classes("stage-bar"):
             self._mode = ui.toggle(MODES, value="pressed", on_change=self._set_mode)
             self._mode.props(f'{TOGGLE} aria-label="what is shown"')
-            self._facts = ui.label("").classes("facts")
+            ui.html('<span id="facts" class="facts"></span>', sanitize=False)
             with ui.element("div").classes("compare") as self._compare:
                 ui.label("pinned")
                 wipe = ui.slider(min=0, max=100, value=50).classes("wipe")
@@ -98,10 +98,9 @@ class Stage:
             "caption": caption,
             "alt": f"camera picture of {name}",
             "shape": "{} / {}".format(*found.shape),
+            "facts": ", ".join(f"{what} {value}" for what, value in found.facts.items()),
         }
         call(client, "show", slot, payload)
-        if slot == "now":
-            self._facts.set_text(", ".join(f"{what} {value}" for what, value in found.facts.items()))
 
     def relief(self, client: Any, found: Relief, *, digest: str, request: int) -> None:
         """Show what was read off the press of a picture."""
