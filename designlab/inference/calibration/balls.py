@@ -113,8 +113,7 @@ def calibrate_balls(
         How far the coating rounds what the gel is pressed to, where that is known, see `Setup`.
     method : Method, optional
         See `reconstruction.methods`. When absent, what errs least on the balls left out: smoothing by the
-        pictures' noise with the kernel that suits it, or what serves most sensors; and with a map of its own
-        for the rims of contacts, or without.
+        pictures' noise with the kernel that suits it, or what serves most sensors.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
     """
@@ -138,8 +137,6 @@ def calibrate_balls(
         detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
         by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
         ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
-        # a map of its own for the rims serves some sensors, and makes tips too high on others
-        ways += [(way._replace(detail=0.0), of) for way, of in ways if way.detail]
     else:
         ways.append((setup, method))
     tried = []
