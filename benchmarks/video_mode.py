@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from designlab.core.metrics import normal_error_deg
 from designlab.inference.calibration.ball_set import BallSet, load_balls
 from designlab.inference.calibration.balls import COARSE, calibrate_balls, kept_of
-from designlab.reconstruction import integrate, normals
+from designlab.reconstruction import normals
 from designlab.reconstruction.ball_samples import Setup, ball_truth, known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress
@@ -129,11 +129,12 @@ class Made:
         for contacts in PRESSES:
             p, q = self.slopes(contacts)
             shape = reconstructor(self.picture(p, q))
-            truth = np.zeros(SHAPE, dtype=bool)
+            truth, height = np.zeros(SHAPE, dtype=bool), np.zeros(SHAPE)
             for (column, row), radius_px in contacts:
-                truth |= np.hypot(self.columns - column, self.rows - row) < radius_px
+                away_px = np.hypot(self.columns - column, self.rows - row)
+                truth |= away_px < radius_px
+                height += self.surface.height_mm(away_px * MM_PER_PX, radius_px * MM_PER_PX)
             angle = normal_error_deg(shape.normals.astype(float), normals(p, q))
-            height = integrate(p, q, pitch_mm=MM_PER_PX, boundary="dirichlet")
             off = 1000 * (shape.height_mm - height)
             yield Errors(
                 float(angle[truth].mean()),
