@@ -82,7 +82,7 @@ class Setup(NamedTuple):
 
     @property
     def rounding_px(self) -> float:
-        """Smoothing that colours show of slopes: that of the coating, and their own."""
+        """By how much the slopes that colours show are smoothed: by the coating, then with the colours."""
         return math.hypot(self.smoothing_px, self.skin_mm / self.mm_per_px)
 
     def radius_mm(self, ball: BallPress) -> float:

@@ -12,7 +12,7 @@ from designlab.core.types import Array, Mask
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
 NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
-SMOOTHING_PX = 0.7, 2.0  # least that takes off more noise than it blurs, and most
+SMOOTHING_PX = 0.7, 2.0  # least, below which a Gaussian on pixels averages little, and most
 
 
 def colour_change(image: Array, background: Array) -> Array:
