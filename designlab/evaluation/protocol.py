@@ -30,10 +30,6 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 GROWN_MM = 0.5
 MOVED_SHARE = 0.02  # of the largest height: gel that is higher or lower than that has moved
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
-# What smoothing leaves of a pixel's noise, as a share of the change of colour in contacts: some two degrees.
-# Pictures are smoothed from 7 % on. The regression over balls averages less than that, and edges would lose
-# more than they gain.
-NOISE_BORNE = 0.03
 # Of the near field: pixels of simulated presses differ from its model by some 3 %; most slopes are gentle.
 MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
 
@@ -129,7 +125,7 @@ class EvaluationProtocol:
             [q for _, q in truths],
             x,
             y,
-            smoothing_px=smoothing_for(shares, noise_left=NOISE_BORNE),
+            smoothing_px=smoothing_for(shares),
         )
 
     def _noise_share(self, ball: Frame, number: int, background: Array) -> float:

@@ -11,7 +11,7 @@ from designlab.core.types import Array, Mask
 
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
-NOISE_LEFT = 0.005  # of the change of colour in contacts: a third of a degree
+NOISE_LEFT = 0.015  # of the change of colour in contacts: a degree, which the regression averages further
 SMOOTHING_PX = 0.7, 2.0  # least, below which a Gaussian on pixels averages little, and most
 
 
@@ -36,19 +36,17 @@ def smoothed(values: Array, sigma_px: float, mask: Mask | None = None) -> Array:
     return np.asarray(np.where(share > 1e-3, total / np.maximum(share, 1e-3), 0.0))
 
 
-def smoothing_for(shares: Sequence[float], *, noise_left: float = NOISE_LEFT) -> float:
+def smoothing_for(shares: Sequence[float]) -> float:
     """Gaussian smoothing (px) that leaves little of the pictures' noise, and blurs edges no more than that.
 
     Parameters
     ----------
     shares : sequence of float
         `noise_share` of each calibration press.
-    noise_left : float
-        What may be left of it.
     """
     least, most = SMOOTHING_PX
     # white noise falls to 1 / (2 sigma sqrt(pi)) of itself
-    needed = float(np.median(shares)) / (2 * math.sqrt(math.pi) * noise_left)
+    needed = float(np.median(shares)) / (2 * math.sqrt(math.pi) * NOISE_LEFT)
     return min(needed, most) if needed > least else 0.0
 
 
