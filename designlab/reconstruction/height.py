@@ -4,9 +4,10 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 from scipy.fft import dctn, dstn, idctn, idstn, next_fast_len
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
 from designlab.core.types import Array
@@ -38,7 +39,8 @@ def integrate(
     The Poisson equation is solved by fast transforms on the pixel grid. Differences of neighbouring pixels
     are compared with the mean of their gradients, so that a height is returned exactly where those agree, and
     to second order in the pitch otherwise. With weights, or robustly, conjugate gradients solve the weighted
-    equation, with the unweighted solver as preconditioner, scaled by the weights.
+    equation. Their preconditioner is the unweighted solver, scaled by the weights; where pixels have no
+    weight, algebraic multigrid, which holes do not slow down.
 
     Parameters
     ----------
@@ -85,7 +87,8 @@ def integrate(
     if weights is not None or robust:
         given = _checked_weights(weights, p.shape)
         between_x, between_y = np.minimum(given[:, 1:], given[:, :-1]), np.minimum(given[1:], given[:-1])
-        operator = _Weighted(p.shape, pitch_x_mm, pitch_y_mm, boundary, tolerance)
+        kind = _WithHoles if (given == 0).any() else _Weighted
+        operator = kind(p.shape, pitch_x_mm, pitch_y_mm, boundary, tolerance)
         if weights is not None:
             height = operator.solve(along_x, along_y, between_x, between_y, height)
         for _ in range(_ROBUST_ROUNDS if robust else 0):
@@ -182,10 +185,7 @@ class _Weighted:
             self._free[[0, -1]] = self._free[:, [0, -1]] = 0.0
 
     def solve(self, along_x: Array, along_y: Array, weight_x: Array, weight_y: Array, start: Array) -> Array:
-        largest = max(weight_x.max(), weight_y.max())
-        weight_x, weight_y = (
-            np.maximum(w / largest, _LEAST_WEIGHT).astype(self._single) for w in (weight_x, weight_y)
-        )
+        weight_x, weight_y = _shares(weight_x, weight_y, self._single)
 
         def apply(flat: Array) -> Array:
             height = self._free * flat.reshape(self._shape)
@@ -212,6 +212,60 @@ class _Weighted:
             M=LinearOperator((size, size), matvec=nearby, dtype=self._single),
         )
         return np.asarray(found.reshape(self._shape), dtype=float)
+
+
+class _WithHoles:
+    """Weighted Poisson equation by conjugate gradients and algebraic multigrid (Ruge and Stueben 1987)."""
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        pitch_x_mm: float,
+        pitch_y_mm: float,
+        boundary: Boundary,
+        tolerance: float,
+    ) -> None:
+        self._shape, self._tolerance = shape, tolerance
+        self._per_mm2 = 1 / pitch_x_mm**2, 1 / pitch_y_mm**2
+        free = np.ones(shape, dtype=bool)
+        if boundary == "dirichlet":
+            free[[0, -1]] = free[:, [0, -1]] = False
+        else:
+            free[0, 0] = False  # heights are told up to a constant: one is held
+        self._free = np.flatnonzero(free)
+        # each row of the differences is a pixel less its neighbour to the left or above
+        number = np.arange(free.size).reshape(shape)
+        pairs = [(number[:, 1:], number[:, :-1]), (number[1:], number[:-1])]
+        high, low = (np.concatenate([pair[side].ravel() for pair in pairs]) for side in (0, 1))
+        row = np.arange(high.size)
+        ones = np.ones(high.size)
+        self._differences = coo_array(
+            (np.concatenate([ones, -ones]), (np.tile(row, 2), np.concatenate([high, low]))),
+            shape=(high.size, free.size),
+        ).tocsc()[:, self._free]
+
+    def solve(self, along_x: Array, along_y: Array, weight_x: Array, weight_y: Array, start: Array) -> Array:
+        from pyamg import ruge_stuben_solver  # loads for a second
+
+        weights = _shares(weight_x, weight_y)
+        steepness = np.concatenate(
+            [(w * per_mm2).ravel() for w, per_mm2 in zip(weights, self._per_mm2, strict=True)]
+        )
+        flow = np.concatenate([(weights[0] * along_x).ravel(), (weights[1] * along_y).ravel()])
+        matrix = (self._differences.T @ diags_array(steepness) @ self._differences).tocsr()
+        found = ruge_stuben_solver(matrix).solve(
+            self._differences.T @ flow, x0=start.ravel()[self._free], tol=self._tolerance, accel="cg"
+        )
+        height = np.zeros(self._shape)
+        height.ravel()[self._free] = found
+        return height
+
+
+def _shares(weight_x: Array, weight_y: Array, dtype: DTypeLike = float) -> tuple[Array, Array]:
+    """Weights between pixels as shares of the largest, none of them too small to hold a height."""
+    largest = max(weight_x.max(), weight_y.max())
+    x, y = (np.asarray(np.maximum(w / largest, _LEAST_WEIGHT), dtype) for w in (weight_x, weight_y))
+    return x, y
 
 
 def _at_pixels(along_x: Array, along_y: Array) -> Array:

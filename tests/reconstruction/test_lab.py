@@ -308,6 +308,44 @@ def test_scattered_wrong_slopes_are_found_without_being_told():
     assert robust < plain / 3
 
 
+@pytest.mark.parametrize("boundary", ["neumann", "dirichlet"])
+@pytest.mark.parametrize("holes", [True, False])
+def test_heights_are_those_of_weighted_least_squares(boundary, holes):
+    random = np.random.default_rng(4)
+    rows, columns, pitch_mm = 13, 17, (0.05, 0.08)
+    p, q = random.normal(size=(2, rows, columns))
+    weights = random.uniform(0.2, 1.0, size=p.shape)
+    weights[5, 11:13] = 1.0
+    if holes:
+        weights[3:6, 4:9] = 0.0
+        weights[-1, :3] = 0.0
+    # the same differences of neighbours, written out one by one, and solved without the normal equations
+    number = np.arange(p.size).reshape(p.shape)
+    equations, right = [], []
+    for row, column in np.ndindex(p.shape):
+        for other, slope, pitch, sign in (
+            ((row, column + 1), p, pitch_mm[0], 1),
+            ((row + 1, column), q, pitch_mm[1], -1),
+        ):
+            if other[0] == rows or other[1] == columns:
+                continue
+            weight = max(min(weights[row, column], weights[other]), 1e-4)
+            equation = np.zeros(p.size)
+            equation[number[other]], equation[number[row, column]] = 1 / pitch, -1 / pitch
+            equations.append(np.sqrt(weight) * equation)
+            right.append(np.sqrt(weight) * sign * (slope[row, column] + slope[other]) / 2)
+    border = np.ones(p.shape, dtype=bool)
+    border[1:-1, 1:-1] = False
+    free = ~border.ravel() if boundary == "dirichlet" else np.ones(p.size, dtype=bool)
+    truth = np.zeros(p.size)
+    truth[free] = np.linalg.lstsq(np.array(equations)[:, free], np.array(right), rcond=None)[0]
+    truth = truth.reshape(p.shape)
+    if boundary == "neumann":
+        truth -= truth[border].mean()
+    found = integrate(p, q, pitch_mm=pitch_mm, boundary=boundary, weights=weights, tolerance=1e-12)
+    np.testing.assert_allclose(found, truth, atol=1e-6 * np.abs(truth).max())
+
+
 def test_weights_are_checked():
     _, p, q = bump()
     with pytest.raises(ValueError, match="weights: must have the shape"):
