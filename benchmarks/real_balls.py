@@ -11,6 +11,10 @@ on balls left out of its calibration in turn, then on the presses of known depth
 - prism: height of its flat face, 71 x 107 px, against the stated depth.
 
 Height errors are given as labelled, and after one offset of the zero of depth, common to all presses.
+
+The prism stands inclined. Its slopes in the middle of its face, by colour alone, say how far its first edge
+is ahead of its middle. If depth counts from the touch of that edge, its face is lower than labelled by as
+much at the first press, and as much at all others. What is expected so stands beside what is found.
 """
 
 import argparse
@@ -34,6 +38,7 @@ from designlab.reconstruction.methods import Kernel, Method, Polynomial
 Array = NDArray[np.float64]
 JUDGED = 0.85
 FACE_PX = (71, 107)
+MIDDLE = 0.6  # share of the face beyond which its edges show
 DEGREES = ((2,), (2, 1, 1), (2, 2, 2, 1))
 COARSE = Kernel(ridge=3e-3, colour_scale=1.5, features=300)
 
@@ -98,6 +103,28 @@ def judge(calibration: LabCalibration, measurement: Measurement, *, robust: bool
             truth, angle = np.full(shape.p.shape, frame.depth_mm), None
         presses.append(Press(frame.file, (shape.height_mm - truth)[inside], angle))
     return presses
+
+
+def inclined_prism(
+    calibration: LabCalibration, measurement: Measurement
+) -> list[tuple[str, float, Array, float]]:
+    """Of each press of a prism: file, depth, slopes in the middle of its face, its mean height (mm)."""
+    found = []
+    for frame in measurement.frames:
+        if frame.depth_mm is None or frame.centre_px is None or frame.probe is None:
+            continue
+        if frame.probe.startswith("sphere"):
+            continue
+        image = measurement.image(frame)
+        rows, columns = np.indices(image.shape[:2])
+        across, down = np.abs(columns - frame.centre_px[0]), np.abs(rows - frame.centre_px[1])
+        face, middle = (
+            (across <= share * FACE_PX[0] / 2) & (down <= share * FACE_PX[1] / 2) for share in (1.0, MIDDLE)
+        )
+        slopes = np.array([np.median(part[middle]) for part in calibration.gradients(image)])
+        height_mm = calibration.reconstruct(image).height_mm
+        found.append((frame.file, frame.depth_mm, slopes, float(height_mm[face].mean())))
+    return sorted(found, key=lambda press: press[1])
 
 
 def depth_errors_by_contact(
@@ -203,6 +230,14 @@ def main() -> None:
             angle = "" if press.normal_deg is None else f", normals {press.normal_deg:.2f} deg"
             rmse = np.sqrt((error**2).mean())
             print(f"  {press.name:24s} RMSE {rmse:5.1f} um, mean {error.mean():+6.1f} um{angle}")
+    prism = inclined_prism(calibration, measurement)
+    ahead_mm = float(np.abs(prism[0][2]) @ FACE_PX) / 2 * calibration.setup.mm_per_px if prism else 0.0
+    for file, depth_mm, slopes, height_mm in prism:
+        across, up = np.degrees(np.arctan(slopes))
+        print(
+            f"  {file:24s} inclined by {across:+.2f}, {up:+.2f} deg; mean height {height_mm:.3f} mm, "
+            f"expected {depth_mm - ahead_mm:.3f} mm if its first edge touched at 0"
+        )
 
 
 if __name__ == "__main__":
