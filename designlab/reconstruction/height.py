@@ -1,7 +1,7 @@
 """From gradients to height: Poisson's equation, with weights and a robust option."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 
 Boundary = Literal["neumann", "dirichlet"]
 
@@ -88,7 +88,7 @@ def integrate(
         given = _checked_weights(weights, p.shape)
         between_x, between_y = np.minimum(given[:, 1:], given[:, :-1]), np.minimum(given[1:], given[:-1])
         kind = _WithHoles if (given == 0).any() else _Weighted
-        operator = kind(p.shape, pitch_x_mm, pitch_y_mm, boundary, tolerance)
+        operator = kind(_Grid(p.shape, pitch_x_mm, pitch_y_mm, boundary), tolerance)
         if weights is not None:
             height = operator.solve(along_x, along_y, between_x, between_y, height)
         for _ in range(_ROBUST_ROUNDS if robust else 0):
@@ -164,25 +164,33 @@ def _nearby_solver(
     return lambda d: solve(np.pad(d, beyond))[: shape[0], : shape[1]]
 
 
+class _Grid(NamedTuple):
+    """Pixels of a picture, and what is known of the height at their border."""
+
+    shape: tuple[int, int]
+    pitch_x_mm: float
+    pitch_y_mm: float
+    boundary: Boundary
+
+    @property
+    def free(self) -> Mask:
+        """Pixels whose height is not given."""
+        free = np.ones(self.shape, dtype=bool)
+        if self.boundary == "dirichlet":
+            free[[0, -1]] = free[:, [0, -1]] = False
+        return free
+
+
 class _Weighted:
     """Weighted Poisson equation by preconditioned conjugate gradients."""
 
-    def __init__(
-        self,
-        shape: tuple[int, int],
-        pitch_x_mm: float,
-        pitch_y_mm: float,
-        boundary: Boundary,
-        tolerance: float,
-    ) -> None:
-        self._nearby = _nearby_solver(shape, pitch_x_mm, pitch_y_mm, boundary)
-        self._shape, self._tolerance = shape, tolerance
+    def __init__(self, grid: _Grid, tolerance: float) -> None:
+        self._nearby = _nearby_solver(*grid)
+        self._shape, self._tolerance = grid.shape, tolerance
         # What need not be exact is as exact in single precision, and faster.
         self._single = np.float32 if tolerance >= _SINGLE_TOLERANCE else np.float64
-        self._per_x, self._per_y = (self._single(1 / pitch**2) for pitch in (pitch_x_mm, pitch_y_mm))
-        self._free = np.ones(shape, dtype=self._single)
-        if boundary == "dirichlet":
-            self._free[[0, -1]] = self._free[:, [0, -1]] = 0.0
+        self._per_x, self._per_y = (self._single(1 / p**2) for p in (grid.pitch_x_mm, grid.pitch_y_mm))
+        self._free: Array = np.where(grid.free, self._single(1), self._single(0))
 
     def solve(self, along_x: Array, along_y: Array, weight_x: Array, weight_y: Array, start: Array) -> Array:
         weight_x, weight_y = _shares(weight_x, weight_y, self._single)
@@ -217,24 +225,15 @@ class _Weighted:
 class _WithHoles:
     """Weighted Poisson equation by conjugate gradients and algebraic multigrid (Ruge and Stueben 1987)."""
 
-    def __init__(
-        self,
-        shape: tuple[int, int],
-        pitch_x_mm: float,
-        pitch_y_mm: float,
-        boundary: Boundary,
-        tolerance: float,
-    ) -> None:
-        self._shape, self._tolerance = shape, tolerance
-        self._per_mm2 = 1 / pitch_x_mm**2, 1 / pitch_y_mm**2
-        free = np.ones(shape, dtype=bool)
-        if boundary == "dirichlet":
-            free[[0, -1]] = free[:, [0, -1]] = False
-        else:
+    def __init__(self, grid: _Grid, tolerance: float) -> None:
+        self._shape, self._tolerance = grid.shape, tolerance
+        self._per_mm2 = 1 / grid.pitch_x_mm**2, 1 / grid.pitch_y_mm**2
+        free = grid.free
+        if free.all():
             free[0, 0] = False  # heights are told up to a constant: one is held
         self._free = np.flatnonzero(free)
         # each row of the differences is a pixel less its neighbour to the left or above
-        number = np.arange(free.size).reshape(shape)
+        number = np.arange(free.size).reshape(grid.shape)
         pairs = [(number[:, 1:], number[:, :-1]), (number[1:], number[:-1])]
         high, low = (np.concatenate([pair[side].ravel() for pair in pairs]) for side in (0, 1))
         row = np.arange(high.size)
