@@ -315,7 +315,7 @@ def test_heights_are_those_of_weighted_least_squares(boundary, holes):
     rows, columns, pitch_mm = 13, 17, (0.05, 0.08)
     p, q = random.normal(size=(2, rows, columns))
     weights = random.uniform(0.2, 1.0, size=p.shape)
-    weights[5, 11:13] = 1.0
+    weights[5, 11:13] = 1.0  # the largest between neighbours, of which the least is a share
     if holes:
         weights[3:6, 4:9] = 0.0
         weights[-1, :3] = 0.0
