@@ -285,7 +285,7 @@ class Reconstructor:
 
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
-        before, now = self.calibration.background, np.asarray(self.laid_out(background), dtype=float)
+        before, now = (each.calibration.background for each in (self, self.on(background)))
         found = []
         ratio = now.mean(axis=(0, 1)) / before.mean(axis=(0, 1))
         if np.abs(ratio - 1).max() > DRIFTED:

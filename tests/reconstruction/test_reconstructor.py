@@ -1,6 +1,7 @@
 """From balls to one calibration file, and from pictures to shapes: made pictures whose shape is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from designlab.mechanics.surface_pressure import pressure_under
 from designlab.reconstruction import reconstructor
 from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration
 from designlab.reconstruction.height import border_surface, gradients_of, integrate
+from designlab.reconstruction.markers import Markers
 from designlab.reconstruction.reconstructor import Reconstructor
 from tests.helpers.ball_pictures import exposed, pressed
 from tests.helpers.browser import faults, opened
@@ -79,6 +81,20 @@ def test_a_gel_that_has_moved_or_light_that_has_changed_is_said(calibration_file
     assert any("brighter by" in text for text in on.drift(0.8 * textured))
     half = textured * np.linspace(0.8, 1.2, SHAPE[1])[:, None]
     assert any("has changed by" in text for text in on.drift(half))
+
+
+@pytest.mark.slow
+def test_printed_markers_are_no_change_of_light(calibration_file):
+    rows, columns = np.indices(SHAPE)
+    away = np.hypot(rows % 24 - 12, columns % 24 - 12)
+    marked = exposed(BACKGROUND) * gaussian_filter(np.where(away < 4, 0.1, 1.0), 0.5)[..., None]
+    markers = Markers.found_in(marked)
+    assert markers is not None
+    made = Reconstructor.load(calibration_file)
+    kept = made.kept._replace(about={**made.kept.about, "markers": markers.plain()})
+    on = replace(made, kept=kept)
+    assert on.drift(marked) == ()
+    assert any("brighter by -20%" in text for text in on.drift(0.8 * marked))
 
 
 @pytest.mark.slow
