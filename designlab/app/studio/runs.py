@@ -15,7 +15,8 @@ from designlab.app.cli import main
 sys.exit(main(sys.argv[1:]))
 """
 COMMAND = (sys.executable, "-c", PROGRAM, "study", "run")
-INTERRUPTED = 130  # exit status of a command that was interrupted
+# Exit status of a command that was interrupted; the second where it had not yet read its arguments.
+INTERRUPTED = (130, -signal.SIGINT)
 LAST_BYTES = 4000
 END_S = 10.0
 
@@ -56,7 +57,7 @@ class Runs:
         if folder not in self._runs or self.running(folder):
             return ""
         process, log = self._runs[folder]
-        if process.returncode in (0, INTERRUPTED):
+        if process.returncode in (0, *INTERRUPTED):
             return ""
         with contextlib.suppress(OSError, ValueError):
             log.seek(0, 2)

@@ -7,13 +7,18 @@ import pytest
 from designlab.app.studio import runs
 from tests.helpers.processes import until
 
+# `early` begins before it catches an interrupt, as the command does while it is loaded.
 PROGRAM = """
 import signal, sys, time
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run where it is ignored
 folder = Path(sys.argv[1])
-(folder / "begun").touch()
+early = folder / "early"
+if early.exists():
+    (folder / "begun").touch()
+    time.sleep(60)
 try:
+    (folder / "begun").touch()
     while not (folder / "done").exists():
         time.sleep(0.02)
         if (folder / "wrong").exists():
@@ -56,6 +61,14 @@ def test_a_run_is_started_once_paused_and_gone_on_with(started, tmp_path, count)
     (first / "done").touch()
     until(lambda: not started.running(first), "the run is done")
     assert started.said(first) == ""
+
+
+def test_a_run_paused_while_it_is_loaded_has_not_failed(started, tmp_path):
+    (tmp_path / "early").touch()
+    begin(started, tmp_path)
+    started.pause(tmp_path)
+    until(lambda: not started.running(tmp_path), "the run has ended")
+    assert started.said(tmp_path) == ""
 
 
 @pytest.mark.faults
