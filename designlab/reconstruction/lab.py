@@ -41,6 +41,7 @@ from designlab.reconstruction.methods import (
 from designlab.reconstruction.pictures import check_mask
 
 RIDGES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
+_POSITION_SCALES = (1.4, 2.0, 2.8)  # how fast colours change with place differs from sensor to sensor
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
@@ -449,20 +450,21 @@ def suited(
     membrane: Membrane | None = None,
     ridges: Sequence[float] = RIDGES,
 ) -> tuple[Setup, Kernel]:
-    """What changes of colour are best a share of, and the kernel, from stiff to supple, by balls left out.
+    """What changes of colour are best a share of, and the kernel's ridge and width, by balls left out.
 
     The error is the mean angle to the surface of the gel at the pixels that teach it, on a gel that is known.
     Parameters as `calibrate`.
     """
     tried: list[tuple[float, Setup, Kernel]] = []
-    kernels = [Kernel(ridge=ridge) for ridge in ridges]
     choices: tuple[Setup, ...] = (setup, setup._replace(relative_to="place"))
     for relative in choices:
         presses = ball_samples(balls, background, relative._replace(detail=0.0), membrane)[2][0]
-        parts = [kernels[0].normal(press) for press in presses]
-        for kernel in kernels:
-            predictors = kernel.solve_without_each(parts)
-            tried.append((_mean_error_deg(presses, predictors), relative, kernel))
+        for scale in _POSITION_SCALES:
+            kernels = [Kernel(ridge=ridge, position_scale=scale) for ridge in ridges]
+            parts = [kernels[0].normal(press) for press in presses]
+            for kernel in kernels:
+                predictors = kernel.solve_without_each(parts)
+                tried.append((_mean_error_deg(presses, predictors), relative, kernel))
     return min(tried, key=lambda each: each[0])[1:]
 
 

@@ -11,16 +11,18 @@ from scipy.special import log_expit
 from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
 from designlab.inference.diagnosis.selection.criterion import AGAINST
-from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs, sum_of
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind.runner import Outcome
 from designlab.validation.blind.score import (
     BINS,
+    Row,
     all_named,
     equal_mass,
     record,
     same,
+    sure,
 )
 
 GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
@@ -141,6 +143,44 @@ def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         "scores": [round(float(total[part].mean()), 4) for part in bins],
         "right": [round(float(each), 4) for each in rising],
         "names": len(right),
+    }
+
+
+def with_records(rows: Iterable[Row]) -> dict[str, Any]:
+    """What is known of confidence, with the names of recorded sets added.
+
+    Records keep no signs, but the confidence that was stated tells their weighted sum. Weights stay; the
+    names that were known, and those of the records in bins of equal mass, give the new shares (isotonic
+    regression).
+
+    Parameters
+    ----------
+    rows : iterable of Row
+        Records of sets that were opened, diagnosed with the confidence that is known now.
+
+    Returns
+    -------
+    dict
+        As `shares_right` gives it.
+    """
+    before = known()["confidence"]
+    stated = [
+        (sum_of(confidence, before["scores"], before["right"]), right) for confidence, right in sure(rows)
+    ]
+    total, right = np.array([score for score, _ in stated]), np.array([each for _, each in stated])
+    bins = equal_mass(total)
+    old = [before["names"] / len(before["scores"])] * len(before["scores"])
+    points = [
+        *zip(before["scores"], before["right"], old, strict=True),
+        *((float(total[part].mean()), _share(right[part]), float(len(part))) for part in bins),
+    ]
+    scores, share, names = zip(*sorted(points), strict=True)
+    rising = isotonic_regression(share, weights=names).x
+    return {
+        "weights": before["weights"],
+        "scores": [round(score, 4) for score in scores],
+        "right": [round(float(each), 4) for each in rising],
+        "names": before["names"] + len(stated),
     }
 
 

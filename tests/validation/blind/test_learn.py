@@ -7,10 +7,18 @@ import pytest
 from scipy.special import expit
 
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
-from designlab.inference.diagnosis.verdict.confidence import SIGNS, share_right
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, share_right, sum_of
 from designlab.validation.blind import Outcome, Trial, development, power
 from designlab.validation.blind.detection import limits
-from designlab.validation.blind.learn import dirt_sd, learnt, named, shares_right, spread, unlisted_sd
+from designlab.validation.blind.learn import (
+    dirt_sd,
+    learnt,
+    named,
+    shares_right,
+    spread,
+    unlisted_sd,
+    with_records,
+)
 from designlab.validation.blind.pool import AIR, STRENGTHS
 from designlab.validation.blind.score import reliability
 from designlab.validation.synthetic import effects as planted
@@ -52,6 +60,43 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
     assert error is not None
     assert error["error"] < 0.05
     assert error["bins"][0]["right"] < 0.4 < 0.9 < error["bins"][-1]["right"]
+
+
+def test_the_sum_behind_a_confidence_is_found_again() -> None:
+    scores, right = [-1.0, 0.0, 1.0, 2.0], [0.5, 0.8, 0.9, 0.9]
+    for total in (-4.0, -1.0, -0.5, 0.5):
+        assert sum_of(share_right(total, scores, right), scores, right) == pytest.approx(total)
+    assert sum_of(0.9, scores, right) == 1.5  # of all from 1 on
+
+
+def test_records_move_confidence_to_how_often_names_were_right() -> None:
+    """Drawn names of which a stated half is right always, and the surest three in four times."""
+    random = np.random.default_rng(3)
+    before = known()["confidence"]
+    low, high = 0.5, before["right"][-1]
+
+    def rows(count: int) -> list[dict[str, object]]:
+        found = []
+        for _ in range(count):
+            stated = low if random.random() < 0.5 else high
+            right = stated == low or random.random() < 0.75
+            hidden = {"banding" if right else "vignetting": 1.0}
+            found.append({"named": ["banding"], "confidence": [stated], "hidden": hidden})
+        return found
+
+    after = with_records(rows(3000))
+    assert np.all(np.diff(after["scores"]) > 0)
+    assert np.all(np.diff(after["right"]) >= 0)
+    assert after["names"] == before["names"] + 3000
+    assert after["weights"] == before["weights"]
+    said = [
+        share_right(sum_of(stated, before["scores"], before["right"]), after["scores"], after["right"])
+        for stated in (low, high)
+    ]
+    # shares may not fall: where the surest are right less often, both get the share of all
+    assert said == pytest.approx([0.875, 0.875], abs=0.03)
+    few = with_records(rows(40))
+    assert abs(share_right(9.0, few["scores"], few["right"]) - high) < 0.12
 
 
 def test_confidence_falls_below_all_that_was_seen_as_the_regression_says() -> None:

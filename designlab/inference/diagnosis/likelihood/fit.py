@@ -376,10 +376,14 @@ class Fitter:
         """What no catalogue lists does to a fitted value, in prior standard deviations."""
         return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty(found))
 
-    def beyond_dirt(self, found: Fit, name: str) -> bool:
-        """Whether an effect is surely larger than what a lab's dirt makes of it by itself (Wald's test)."""
+    def over_dirt(self, found: Fit, name: str) -> float:
+        """How many times as large an effect is as what a lab's dirt surely does not make of it by itself.
+
+        From 1 on it is surely larger (Wald's test); infinite where dirt does not look like the effect, or
+        the sensor has none.
+        """
         if not dirt_sd(name) or not self.dirty(found):
-            return True
+            return float("inf")
         shapes = {p.name for p in self.forward.parameters[name] if p.shape}
         unknowns = found.system.unknowns
         places = [
@@ -389,7 +393,8 @@ class Fitter:
         information, _ = found.system.reduced(places)
         covariance = np.linalg.inv(information + np.eye(len(places)))
         covariance += dirt_sd(name) ** 2 * np.eye(len(places))
-        return bool(away @ np.linalg.solve(covariance, away) > chdtri(len(places), BY_CHANCE))
+        squared = away @ np.linalg.solve(covariance, away) / chdtri(len(places), BY_CHANCE)
+        return float(np.sqrt(squared))
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""

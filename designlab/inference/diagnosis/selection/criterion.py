@@ -74,6 +74,9 @@ class Criterion:
         Whether an effect must have values that are likely of built sensors, unless it closes the gap.
     of_smooth : float
         Share of the evidence for smooth errors of light that evidence for an effect must exceed as well.
+    clear_of_dirt : float
+        Times what evidence must be, on sensors with dirt, to make up for values that dirt might have made:
+        values of a half of those that dirt surely does not make need twice as much.
     most_effects : int
         That may join.
     """
@@ -84,6 +87,7 @@ class Criterion:
     contending: float
     likely: bool
     of_smooth: float
+    clear_of_dirt: float
     most_effects: int
 
     def refused(self, attempt: JudgedCandidate[S]) -> str:
@@ -100,7 +104,8 @@ class Criterion:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
-        if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
+        over_dirt = attempt.stand.fitter.over_dirt(attempt.stand.fit, attempt.name)
+        if over_dirt < 1 and over_dirt * value < self.clear_of_dirt * needed:
             return LIKE_DIRT
         if attempt.held_out <= 0:
             return f"{AGAINST}, with an evidence of {-attempt.held_out:.3g}"
@@ -156,14 +161,29 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=10.0, later=24.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
+    evidence=10.0,
+    later=24.0,
+    as_good=6.0,
+    contending=0.5,
+    likely=True,
+    of_smooth=0.01,
+    clear_of_dirt=2.0,
+    most_effects=4,
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
 was 4.2, so that none was fitted. What models of other effects miss has a shape that a later one may take up,
-which is why more is asked of it. By how much values err alike is a round number, and evidence with it: hence
+which is why more is asked of it. Of 32 sensors with dirt that hide nothing, times and share of values came to
+0.94 at most. By how much values err alike is a round number, and evidence with it: hence
 6. The other numbers are estimates."""
 OF_BLOCKS = Criterion(
-    evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, of_smooth=0.0, most_effects=6
+    evidence=5.0,
+    later=5.0,
+    as_good=0.0,
+    contending=0.25,
+    likely=False,
+    of_smooth=0.0,
+    clear_of_dirt=2.0,
+    most_effects=6,
 )
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""
 

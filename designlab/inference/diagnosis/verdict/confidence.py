@@ -24,6 +24,7 @@ effect was found before.
 SURE_ENOUGH = 0.5  # confidence from which a name stands without reserve: it is as likely right as wrong
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
+DIGITS = 3  # of a confidence
 MOST_ALIKE = 5  # effects that do as well, of usual reports
 SPANS = {
     "left": MOST_LEFT,
@@ -57,7 +58,7 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
         later=place > 0,
     )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
-    return round(share_right(total, scores, right), 3)
+    return round(share_right(total, scores, right), DIGITS)
 
 
 def share_right(total: float, scores: Sequence[float], right: Sequence[float]) -> float:
@@ -68,6 +69,21 @@ def share_right(total: float, scores: Sequence[float], right: Sequence[float]) -
     if total < scores[0]:
         return float(expit(logit(right[0]) + total - scores[0]))
     return float(np.interp(total, scores, right))
+
+
+def sum_of(share: float, scores: Sequence[float], right: Sequence[float]) -> float:
+    """Sum of signs that a share of right names was stated for; the inverse of `share_right`.
+
+    Where several sums have the same share, as stated, it is the middle of the known ones.
+    """
+    level = [score for score, each in zip(scores, right, strict=True) if abs(each - share) <= 10**-DIGITS / 2]
+    if level:
+        return float(np.mean(level))
+    if share < right[0]:
+        return float(scores[0] + logit(share) - logit(right[0]))
+    above = int(np.searchsorted(right, share))
+    ends = slice(above - 1, above + 1)
+    return float(np.interp(share, right[ends], scores[ends]))
 
 
 def signs(
