@@ -2,8 +2,8 @@
 
     python benchmarks/confidence.py docs/records/dirty-test-2e5063ef.jsonl [--write]
 
-Of each confidence that was stated, the share of right names is printed, as known and with the records. The
-records must have been made with the confidence that is known now. `--write` puts the result in its place.
+Printed is what each confidence becomes. The records must have been made with the confidence that is known
+now, of whole kits. `--write` puts the result in its place; records that it holds already are refused.
 """
 
 import argparse
@@ -25,12 +25,16 @@ def main() -> None:
     parser.add_argument("records", type=Path)
     parser.add_argument("--write", action="store_true", help=f"to {KEPT.name}")
     args = parser.parse_args()
+    held = known()["confidence"].get("records", [])
+    if args.records.name in held:
+        raise SystemExit(f"{args.records.name}: is part of what is known already")
     rows = [json.loads(line) for line in args.records.read_text().splitlines()]
     before, after = known()["confidence"], with_records(rows)
     print(f"names: {before['names']} -> {after['names']}")
-    for stated in (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95):
+    for stated in (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, before["right"][-1]):
         total = sum_of(stated, before["scores"], before["right"])
         print(f"{stated:.2f} -> {share_right(total, after['scores'], after['right']):.2f}")
+    after["records"] = [*held, args.records.name]
     if args.write:
         KEPT.write_text(json.dumps({**read_json(KEPT), "confidence": after}, indent=2) + "\n")
 

@@ -15,7 +15,7 @@ OUTPUTS = 5
 MARGIN = 0.5  # beyond the colours that the balls showed, in their spreads
 STEP = 0.2  # of the table, in spreads of the colour; a kernel is 1.5 wide
 MOST_STEPS = 24  # on either side of the untouched gel
-PLACES = (5, 5)  # rows and columns of places; a kernel is as wide as the picture
+PLACES = (5, 5)  # rows and columns of places; kernels are 0.7 pictures wide or more
 
 
 class ColourTable(NamedTuple):

@@ -450,10 +450,11 @@ def suited(
     membrane: Membrane | None = None,
     ridges: Sequence[float] = RIDGES,
 ) -> tuple[Setup, Kernel]:
-    """What changes of colour are best a share of, and the kernel's ridge and width, by balls left out.
+    """What changes of colour are best a share of, and the kernel's ridge and scale of place.
 
-    The error is the mean angle to the surface of the gel at the pixels that teach it, on a gel that is known.
-    Parameters as `calibrate`.
+    All err least on balls left out: by the mean angle to the surface of the gel at the pixels that teach it,
+    on a gel that is known.
+    Parameters as `calibrate`, and the ridges to try.
     """
     tried: list[tuple[float, Setup, Kernel]] = []
     choices: tuple[Setup, ...] = (setup, setup._replace(relative_to="place"))

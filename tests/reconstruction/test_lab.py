@@ -11,7 +11,14 @@ from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes,
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.gel_fit import ball_slopes
-from designlab.reconstruction.lab import LeftOut, calibrate, choose_method, left_out_errors, refine_centres
+from designlab.reconstruction.lab import (
+    LeftOut,
+    calibrate,
+    choose_method,
+    left_out_errors,
+    refine_centres,
+    suited,
+)
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel, Polynomial
 from tests import ROOT
@@ -230,6 +237,27 @@ def test_the_method_is_chosen_on_balls_left_out():
     assert chosen is methods[1]
     assert [row[0] for row in table] == methods
     assert table[1][1].circle_deg < table[0][1].circle_deg
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("turn_deg", "scale"), [(0.0, 2.8), (40.0, 1.4)])
+def test_the_scale_of_place_follows_how_fast_light_changes(turn_deg, scale):
+    """Lights from the same side all over, and lights that turn to and fro over the picture."""
+    turn = np.radians(turn_deg) * np.sin(2 * np.pi * COLUMNS / COLUMNS.max())
+    toward = [
+        np.stack(
+            [np.sin(SLANT) * np.cos(a + turn), np.sin(SLANT) * np.sin(a + turn), np.cos(SLANT) + 0 * turn]
+        )
+        for a in AZIMUTHS
+    ]
+
+    def lit(p, q):
+        return np.stack([np.einsum("rcx,xrc->rc", normals(p, q), each) for each in toward], axis=-1)
+
+    centres = [(c, r) for c in (18, 38, 58, 82, 102, 122) for r in (40, 80)]
+    balls = [BallPress(lit(*slopes(centre, 12.0)[:2]), centre, 12.0) for centre in centres]
+    _, kernel = suited(balls, lit(FLAT, FLAT), SETUP, ridges=(1e-3, 1e-4))
+    assert kernel.position_scale == scale
 
 
 def test_the_choice_weighs_height_against_normals(monkeypatch):

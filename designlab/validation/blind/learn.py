@@ -61,7 +61,8 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
 def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     """What a whole pool of all families teaches, as `empirical_errors` reads it.
 
-    Effects of which it has too few sets keep what was known of them.
+    Effects of which it has too few sets keep what was known of them. Confidence is that of this pool alone:
+    records of others are added anew, see `with_records`.
     """
     outcomes = list(outcomes)
     return {
@@ -142,6 +143,7 @@ def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         "weights": {name: round(float(weight), 4) for name, weight in zip(SIGNS, best, strict=True)},
         "scores": [round(float(total[part].mean()), 4) for part in bins],
         "right": [round(float(each), 4) for each in rising],
+        "masses": [len(part) for part in bins],
         "names": len(right),
     }
 
@@ -149,9 +151,9 @@ def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
 def with_records(rows: Iterable[Row]) -> dict[str, Any]:
     """What is known of confidence, with the names of recorded sets added.
 
-    Records keep no signs, but the confidence that was stated tells their weighted sum. Weights stay; the
-    names that were known, and those of the records in bins of equal mass, give the new shares (isotonic
-    regression).
+    Records keep no signs, but the confidence that was stated tells their weighted sum, unless it was capped:
+    they must be of whole kits. Weights stay. The names that were known, those of equal shares as one, and the
+    names of the records in bins of equal mass give the new shares (isotonic regression).
 
     Parameters
     ----------
@@ -162,26 +164,48 @@ def with_records(rows: Iterable[Row]) -> dict[str, Any]:
     -------
     dict
         As `shares_right` gives it.
+
+    Raises
+    ------
+    ValueError
+        If the records hold no name.
     """
     before = known()["confidence"]
-    stated = [
-        (sum_of(confidence, before["scores"], before["right"]), right) for confidence, right in sure(rows)
-    ]
-    total, right = np.array([score for score, _ in stated]), np.array([each for _, each in stated])
-    bins = equal_mass(total)
-    old = [before["names"] / len(before["scores"])] * len(before["scores"])
+    stated = sure(rows)
+    if not stated:
+        raise ValueError("records: hold no name")
+    total = np.array([sum_of(confidence, before["scores"], before["right"]) for confidence, _ in stated])
+    right = np.array([each for _, each in stated])
     points = [
-        *zip(before["scores"], before["right"], old, strict=True),
-        *((float(total[part].mean()), _share(right[part]), float(len(part))) for part in bins),
+        *_levels(before),
+        *((total[part].mean(), _share(right[part]), len(part)) for part in equal_mass(total)),
     ]
-    scores, share, names = zip(*sorted(points), strict=True)
-    rising = isotonic_regression(share, weights=names).x
+    masses: dict[float, float] = {}
+    rights: dict[float, float] = {}
+    for score, share, mass in points:
+        place = round(float(score), 4)
+        masses[place] = masses.get(place, 0.0) + mass
+        rights[place] = rights.get(place, 0.0) + mass * share
+    scores = sorted(masses)
+    weights = [masses[score] for score in scores]
+    rising = isotonic_regression([rights[score] / masses[score] for score in scores], weights=weights).x
     return {
         "weights": before["weights"],
-        "scores": [round(score, 4) for score in scores],
+        "scores": scores,
         "right": [round(float(each), 4) for each in rising],
+        "masses": [round(mass, 4) for mass in weights],
         "names": before["names"] + len(stated),
     }
+
+
+def _levels(confidence: Mapping[str, Any]) -> list[tuple[float, float, float]]:
+    """Score, share of right names and number of names of each share that is known, at its middle."""
+    scores, shares = np.array(confidence["scores"]), np.array(confidence["right"])
+    masses = np.array(confidence["masses"])
+    levels = [shares == share for share in sorted(set(confidence["right"]))]
+    return [
+        (float(scores[level].mean()), float(shares[level][0]), float(masses[level].sum())) for level in levels
+    ]
 
 
 def _share(right: NDArray[np.bool_]) -> float:

@@ -446,7 +446,7 @@ def test_clear_evidence_makes_up_for_values_that_dirt_might_have_made(measured, 
     for over_dirt, smooth, reason in (
         (0.5, 2_300.0, ""),  # 135 is 4.1 times the 33 that are needed
         (0.5, 2_500.0, LIKE_DIRT),  # and 3.9 times 35
-        (0.3, 2_300.0, LIKE_DIRT),
+        (0.4, 0.0, LIKE_DIRT),  # 13 times what is needed, but too small
         (1.0, 12_000.0, ""),
         (0.1, 0.0, LIKE_DIRT),
     ):

@@ -67,6 +67,7 @@ def test_the_sum_behind_a_confidence_is_found_again() -> None:
     for total in (-4.0, -1.0, -0.5, 0.5):
         assert sum_of(share_right(total, scores, right), scores, right) == pytest.approx(total)
     assert sum_of(0.9, scores, right) == 1.5  # of all from 1 on
+    assert sum_of(0.95, scores, right) == 2.0  # stated never
 
 
 def test_records_move_confidence_to_how_often_names_were_right() -> None:
@@ -95,8 +96,25 @@ def test_records_move_confidence_to_how_often_names_were_right() -> None:
     ]
     # shares may not fall: where the surest are right less often, both get the share of all
     assert said == pytest.approx([0.875, 0.875], abs=0.03)
+    assert share_right(9.0, after["scores"], after["right"]) == pytest.approx(0.875, abs=0.03)
     few = with_records(rows(40))
-    assert abs(share_right(9.0, few["scores"], few["right"]) - high) < 0.12
+    assert 0.8 < share_right(9.0, few["scores"], few["right"]) < high
+    with pytest.raises(ValueError, match="hold no name"):
+        with_records([{"named": [], "confidence": [], "hidden": {}}])
+
+
+def test_records_that_are_right_as_stated_change_nothing() -> None:
+    random, before = np.random.default_rng(5), known()["confidence"]
+    stated = [round(share_right(t, before["scores"], before["right"]), 3) for t in np.linspace(-0.8, 2.5, 12)]
+    rows = [
+        {"named": ["banding"], "confidence": [each], "hidden": {name: 1.0}}
+        for each in stated
+        for name in np.where(random.random(2000) < each, "banding", "vignetting")
+    ]
+    after = with_records(rows)
+    for each in stated:
+        total = sum_of(each, before["scores"], before["right"])
+        assert share_right(total, after["scores"], after["right"]) == pytest.approx(each, abs=0.02)
 
 
 def test_confidence_falls_below_all_that_was_seen_as_the_regression_says() -> None:

@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 BY_CHANCE = 0.0027  # of three standard deviations
 FILE = "empirical_errors.json"
-"""Written by ``designlab gap benchmark --pool calibration``."""
+"""Of ``designlab gap benchmark --pool calibration``; ``benchmarks/confidence.py`` adds opened pools."""
 
 
 def unlisted_sd(effect: str, parameter: str, *, shape: bool, dirty: bool = False) -> float:

@@ -377,10 +377,9 @@ class Fitter:
         return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty(found))
 
     def over_dirt(self, found: Fit, name: str) -> float:
-        """How many times as large an effect is as what a lab's dirt surely does not make of it by itself.
+        """Size of an effect over the least that a lab's dirt surely does not make of it (Wald's test).
 
-        From 1 on it is surely larger (Wald's test); infinite where dirt does not look like the effect, or
-        the sensor has none.
+        Infinite where dirt does not look like the effect, or the sensor has none.
         """
         if not dirt_sd(name) or not self.dirty(found):
             return float("inf")
