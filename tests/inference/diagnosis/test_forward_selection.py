@@ -434,24 +434,10 @@ def test_what_explains_less_than_dirt_in_the_guise_of_another_does_not_join(meas
         attempt(measured, name, [left, left + 2.0, left - 2.0], before)
         for name, left in (("vignetting", 600.0), ("albedo_field", 400.0), ("contact_kernel", 800.0))
     )
-    monkeypatch.setattr(Fitter, "over_dirt", lambda *a: 0.0 if a[-1] == "vignetting" else np.inf)
+    monkeypatch.setattr(Fitter, "beyond_dirt", lambda *a: a[-1] != "vignetting")
     assert search._passed(1, [veil, weak]) == ([], None)
     assert [c.outcome for c in search.tried] == [LIKE_DIRT, "less evidence than vignetting, which dirt makes"]
     assert search._passed(1, [veil, strong, weak]) == ([strong], None)
-
-
-def test_clear_evidence_makes_up_for_values_that_dirt_might_have_made(measured, monkeypatch) -> None:
-    made = attempt(measured, "albedo_field", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
-    assert made.evidence.value == pytest.approx(135.0)
-    for over_dirt, smooth, reason in (
-        (0.5, 2_300.0, ""),  # 135 is 4.1 times the 33 that are needed
-        (0.5, 2_500.0, LIKE_DIRT),  # and 3.9 times 35
-        (0.4, 0.0, LIKE_DIRT),  # 13 times what is needed, but too small
-        (1.0, 12_000.0, ""),
-        (0.1, 0.0, LIKE_DIRT),
-    ):
-        monkeypatch.setattr(Fitter, "over_dirt", lambda *_, ratio=over_dirt: ratio)
-        assert OF_PRESSES.refused(replace(made, smooth=smooth)) == reason
 
 
 def test_a_pattern_that_rounding_makes_is_none_of_the_sensor(measured) -> None:

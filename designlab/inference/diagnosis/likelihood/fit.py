@@ -376,13 +376,10 @@ class Fitter:
         """What no catalogue lists does to a fitted value, in prior standard deviations."""
         return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty(found))
 
-    def over_dirt(self, found: Fit, name: str) -> float:
-        """Size of an effect over the least that a lab's dirt surely does not make of it (Wald's test).
-
-        Infinite where dirt does not look like the effect, or the sensor has none.
-        """
+    def beyond_dirt(self, found: Fit, name: str) -> bool:
+        """Whether an effect is surely larger than what a lab's dirt makes of it by itself (Wald's test)."""
         if not dirt_sd(name) or not self.dirty(found):
-            return float("inf")
+            return True
         shapes = {p.name for p in self.forward.parameters[name] if p.shape}
         unknowns = found.system.unknowns
         places = [
@@ -392,8 +389,7 @@ class Fitter:
         information, _ = found.system.reduced(places)
         covariance = np.linalg.inv(information + np.eye(len(places)))
         covariance += dirt_sd(name) ** 2 * np.eye(len(places))
-        squared = away @ np.linalg.solve(covariance, away) / chdtri(len(places), BY_CHANCE)
-        return float(np.sqrt(squared))
+        return bool(away @ np.linalg.solve(covariance, away) > chdtri(len(places), BY_CHANCE))
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""

@@ -15,7 +15,6 @@ S = TypeVar("S", bound=FittedModel)
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
 LEAST_OF_FIRST = 0.005  # of the first gap: pictures of an effect that is not exact may miss as much
-LEAST_OVER_DIRT = 0.5  # size from which clear evidence counts; what is smaller, dirt may have made
 LIKE_DIRT = "no larger than what dirt makes of it"  # why a candidate does not join
 AGAINST = "what was held out speaks against it"  # begins why a candidate does not join
 TINY = 1e-9  # log score of shots that leave no more than noise
@@ -75,9 +74,6 @@ class Criterion:
         Whether an effect must have values that are likely of built sensors, unless it closes the gap.
     of_smooth : float
         Share of the evidence for smooth errors of light that evidence for an effect must exceed as well.
-    clear_of_dirt : float
-        On sensors with dirt, what evidence over that needed, times the effect's size over the least that dirt
-        surely does not make, must be where the size alone is less: at half the size four times the evidence.
     most_effects : int
         That may join.
     """
@@ -88,7 +84,6 @@ class Criterion:
     contending: float
     likely: bool
     of_smooth: float
-    clear_of_dirt: float
     most_effects: int
 
     def refused(self, attempt: JudgedCandidate[S]) -> str:
@@ -105,9 +100,7 @@ class Criterion:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
-        over_dirt = attempt.stand.fitter.over_dirt(attempt.stand.fit, attempt.name)
-        clear = over_dirt >= LEAST_OVER_DIRT and over_dirt * value >= self.clear_of_dirt * needed
-        if over_dirt < 1 and not clear:
+        if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
             return LIKE_DIRT
         if attempt.held_out <= 0:
             return f"{AGAINST}, with an evidence of {-attempt.held_out:.3g}"
@@ -163,29 +156,14 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=10.0,
-    later=24.0,
-    as_good=6.0,
-    contending=0.5,
-    likely=True,
-    of_smooth=0.01,
-    clear_of_dirt=2.0,
-    most_effects=4,
+    evidence=10.0, later=24.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
 was 4.2, so that none was fitted. What models of other effects miss has a shape that a later one may take up,
-which is why more is asked of it. Of 32 sensors with dirt that hide nothing (the opened pool 2e5063ef),
-evidence over that needed times size came to 0.94 at most: hence 2. By how much values err alike is a round
-number, and evidence with it: hence 6. The other numbers are estimates."""
+which is why more is asked of it. By how much values err alike is a round number, and evidence with it: hence
+6. The other numbers are estimates."""
 OF_BLOCKS = Criterion(
-    evidence=5.0,
-    later=5.0,
-    as_good=0.0,
-    contending=0.25,
-    likely=False,
-    of_smooth=0.0,
-    clear_of_dirt=2.0,
-    most_effects=6,
+    evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, of_smooth=0.0, most_effects=6
 )
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""
 
