@@ -1,6 +1,6 @@
 """Confidence of names with an opened pool added to what it was learnt from.
 
-    python benchmarks/confidence.py docs/records/dirty-test-2e5063ef.jsonl [--write]
+    python benchmarks/confidence.py RECORDS.jsonl [--write]
 
 Printed is what each confidence becomes. The records must have been made with the confidence that is known
 now, of whole kits. `--write` puts the result in its place; records that it holds already are refused.
@@ -28,8 +28,11 @@ def main() -> None:
     held = known()["confidence"].get("records", [])
     if args.records.name in held:
         raise SystemExit(f"{args.records.name}: is part of what is known already")
-    rows = [json.loads(line) for line in args.records.read_text().splitlines()]
-    before, after = known()["confidence"], with_records(rows)
+    try:
+        rows = [json.loads(line) for line in args.records.read_text().splitlines()]
+        before, after = known()["confidence"], with_records(rows)
+    except (OSError, ValueError, KeyError) as error:
+        raise SystemExit(f"{args.records}: no records of sets: {error}") from None
     print(f"names: {before['names']} -> {after['names']}")
     for stated in (0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, before["right"][-1]):
         total = sum_of(stated, before["scores"], before["right"])
