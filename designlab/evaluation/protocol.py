@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
-from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
+from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals, settled
 from designlab.reconstruction.kernel import GradientEstimate
 from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.pictures import colour_change, level_of, noise_share, smoothing_for
@@ -181,7 +181,9 @@ class EvaluationProtocol:
         found = calibration.estimate(image, mask=mask)
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
-        estimated = normals(found.p + base_p, found.q + base_q)
+        height_mm = _height_mm(found, frame)
+        p, q = settled(found.p, found.q, height_mm, pitch_mm=frame.rays.pitch_mm, mask=mask)
+        estimated = normals(p + base_p, q + base_q)
         truth = normals(true_p + base_p, true_q + base_q)
         region = error_region(frame)
         return Reconstruction(
@@ -189,7 +191,7 @@ class EvaluationProtocol:
             image=image,
             normals=estimated,
             true_normals=truth,
-            height_mm=_height_mm(found, frame),
+            height_mm=height_mm,
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )

@@ -1,6 +1,6 @@
 """From images to shape: calibrated photometric stereo, and integration of gradients to height."""
 
-from designlab.reconstruction.height import gradients_of, integrate, normals
+from designlab.reconstruction.height import gradients_of, integrate, normals, settled
 from designlab.reconstruction.kernel import KernelCalibration, fit_kernel
 from designlab.reconstruction.nearfield import NearField, near_field
 
@@ -12,4 +12,5 @@ __all__ = [
     "integrate",
     "near_field",
     "normals",
+    "settled",
 ]

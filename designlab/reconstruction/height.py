@@ -17,9 +17,12 @@ Boundary = Literal["neumann", "dirichlet"]
 # Weights below this share of the largest would let the height drift between the pixels that count.
 _LEAST_WEIGHT = 1e-4
 _ROBUST_ROUNDS = 10
+_GRAIN_PX = 1.0  # noise of slopes read off the colours that is no slope
 _TOLERANCE = 1e-8
 _SINGLE_TOLERANCE = 1e-4  # from which single precision does
 _COURSE_PX = 2.0  # grain of weights that the preconditioner leaves out
+READ = 0.4
+"""Share of the slopes read off the colours in `settled`."""
 # Huber's tuning constant: 95 % efficiency on normal errors.
 _HUBER = 1.345
 
@@ -121,11 +124,43 @@ def normals(p: ArrayLike, q: ArrayLike) -> Array:
     return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
 
 
-def gradients_of(height_mm: ArrayLike, *, pitch_mm: float) -> tuple[Array, Array]:
+def gradients_of(height_mm: ArrayLike, *, pitch_mm: float | tuple[float, float]) -> tuple[Array, Array]:
     """Central differences p = dz/dx, q = dz/dy of a height (mm) on a grid whose row 0 is at +y."""
     height_mm = np.asarray(height_mm, dtype=float)
-    down, right = np.gradient(height_mm, pitch_mm)
+    pitch_x_mm, pitch_y_mm = pitch_mm if isinstance(pitch_mm, tuple) else (pitch_mm, pitch_mm)
+    down, right = np.gradient(height_mm, pitch_y_mm, pitch_x_mm)
     return np.asarray(right), np.asarray(-down)
+
+
+def settled(
+    p: Array,
+    q: Array,
+    height_mm: Array,
+    *,
+    pitch_mm: float | tuple[float, float],
+    mask: Mask | None = None,
+) -> tuple[Array, Array]:
+    """Slopes between those read off the colours and those of the height integrated from them.
+
+    A height corrects slopes that no surface can have. But it also spreads the errors of a steep rim over the
+    flat gel around, whose slopes the colours tell well. A mean of both errs less than either.
+
+    Parameters
+    ----------
+    p, q : array, shape (rows, columns)
+        dz/dx and dz/dy, as read.
+    height_mm : array, shape (rows, columns)
+        The height that `integrate` makes of them.
+    pitch_mm : float or pair of float
+        Distance of pixels, or distances along x and y (mm).
+    mask : bool array, shape (rows, columns), optional
+        Pixels whose colours tell slopes; the others have those of the height.
+    """
+    told = READ if mask is None else READ * mask
+    own_p, own_q = gradients_of(height_mm, pitch_mm=pitch_mm)
+    # noise of single pixels is left out: a height hardly has it
+    more_p, more_q = (gaussian_filter(part, _GRAIN_PX, mode="nearest") for part in (p - own_p, q - own_q))
+    return own_p + told * more_p, own_q + told * more_q
 
 
 def _divergence(along_x: Array, along_y: Array) -> Array:

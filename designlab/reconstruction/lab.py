@@ -23,7 +23,7 @@ from designlab.reconstruction.ball_samples import (
 )
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
-from designlab.reconstruction.height import gradients_of, integrate, normals
+from designlab.reconstruction.height import READ, gradients_of, integrate, normals, settled
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import (
     ErrorMap,
@@ -46,11 +46,16 @@ _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
 class ReconstructedShape(NamedTuple):
-    """Reconstructed indentation: height (mm) above the undeformed membrane, and its slopes p and q."""
+    """Reconstructed indentation: height (mm) above the undeformed membrane, and its slopes, see `settled`."""
 
     height_mm: Array
     p: Array
     q: Array
+
+    def raised(self, by_mm: Array, *, pitch_mm: float) -> "ReconstructedShape":
+        """The same shape with a height added that no colour tells, as that of its border is."""
+        more_p, more_q = ((1 - READ) * more for more in gradients_of(by_mm, pitch_mm=pitch_mm))
+        return ReconstructedShape(self.height_mm + by_mm, self.p + more_p, self.q + more_q)
 
 
 class FittedMap(NamedTuple):
@@ -168,9 +173,7 @@ class LabCalibration:
     def reconstruct(
         self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False
     ) -> ReconstructedShape:
-        """Height and slopes that agree with each other.
-
-        Slopes are those of the integrated height: what no surface can have is left out of them.
+        """Height, and slopes between those of the finest map and those of the height, see `settled`.
 
         Parameters
         ----------
@@ -200,7 +203,8 @@ class LabCalibration:
         if rim:
             more = height(*rim[0]) - height_mm
             height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
-        return ReconstructedShape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
+        p, q, _ = rim[0] if rim else inner
+        return ReconstructedShape(height_mm, *settled(p, q, height_mm, pitch_mm=pitch_mm, mask=mask))
 
     def change(self, image: ArrayLike, mask: Mask | None = None) -> Array:
         """Change of colour from the untouched gel, in spreads, (rows, columns, channels)."""
@@ -374,7 +378,9 @@ def refine_centres(
     for _ in range(rounds):
         moved = []
         for ball, shape in zip(moving, _left_out(moving, background, plain, method, membrane), strict=True):
-            normal, reach_px = normals(shape.p + base_p, shape.q + base_q), setup.radius_px(ball)
+            # slopes of the height alone: those of the colours draw each ball to where its label has it
+            p, q = gradients_of(shape.height_mm, pitch_mm=setup.mm_per_px)
+            normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
             near = ball_truth(ball, known, membrane)[2] < known.contact_radius_px(ball)
             x_px, y_px = axis_places(ball, known, membrane)
             column = ball.centre_px[0] + np.median((x_px - normal[..., 0] * reach_px)[near])

@@ -23,12 +23,12 @@ from designlab.mechanics.surface_pressure import (
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
-from designlab.reconstruction.height import border_surface, gradients_of, normals
-from designlab.reconstruction.lab import LabCalibration
+from designlab.reconstruction.height import border_surface, normals
+from designlab.reconstruction.lab import LabCalibration, ReconstructedShape
 from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
 
 if TYPE_CHECKING:
-    from designlab.reconstruction.video import VideoMaps
+    from designlab.reconstruction.video import VideoMaps, VideoShape
 
 Mode = Literal["accurate", "video"]
 
@@ -345,10 +345,8 @@ class Reconstructor:
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
-        if video:
-            height = self.video.height_mm(change)
-        else:
-            height = self.calibration.reconstruct(used, mask=mask).height_mm
+        shape = self.video.shape(change) if video else self.calibration.reconstruct(used, mask=mask)
+        height = shape.height_mm
         pressed_in = bool(height.max() > 0)
         if not pressed_in and seen.mean() >= LEAST_SEEN:
             warnings.append("colours change, but nothing is pressed in")
@@ -356,16 +354,15 @@ class Reconstructor:
             nowhere = np.zeros(height.shape, dtype=bool)
             shift = None if moved is None else self._shift(moved, height, None)
             return PressShape(
-                height, self._normals(height), nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift
+                height, self._normals(shape), nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift
             )
-        held = height
         # The integration holds the border at 0; the gel under this pressure has another height there. What
         # touches near the border is worth a second look.
         efforts: tuple[Mode, ...] = ("video",) if video else ("video", "accurate" if pressure else "video")
         for effort in efforts:
             pressed = self._pressure(height, effort)
-            beyond = _at_pixels(border_surface(pressed.surface_mm), held.shape)
-            height = held + beyond.astype(held.dtype)
+            beyond = _at_pixels(border_surface(pressed.surface_mm), height.shape).astype(height.dtype)
+            height = shape.height_mm + beyond
         found = pressed if pressure else None
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
@@ -379,7 +376,7 @@ class Reconstructor:
             warnings += _rough(shift.shear)
         return PressShape(
             height,
-            self._normals(height),
+            self._normals(shape, beyond),
             contact,
             float(height.max()),
             float(contact.sum() * self.calibration.setup.mm_per_px**2),
@@ -436,10 +433,14 @@ class Reconstructor:
         warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
         return image * np.asarray(1 / gain, dtype=image.dtype), warnings
 
-    def _normals(self, height_mm: Array) -> Array:
-        if self.mode == "video":
-            return self.video.normals(height_mm)
-        return normals(*gradients_of(height_mm, pitch_mm=self.calibration.setup.mm_per_px))
+    def _normals(self, shape: "ReconstructedShape | VideoShape", beyond_mm: Array | None = None) -> Array:
+        """Unit normals of a shape, with the height that its border has beyond 0."""
+        if not isinstance(shape, ReconstructedShape):
+            raised = shape if beyond_mm is None else shape._replace(height_mm=shape.height_mm + beyond_mm)
+            return self.video.normals(raised)
+        if beyond_mm is not None:
+            shape = shape.raised(beyond_mm, pitch_mm=self.calibration.setup.mm_per_px)
+        return normals(shape.p, shape.q)
 
     def _pressure(self, height_mm: Array, effort: Mode) -> SurfacePressure:
         setup = self.calibration.setup

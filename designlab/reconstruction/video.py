@@ -1,7 +1,7 @@
 """Shapes at the rate of video: the maps of a calibration read from a table, heights on a coarser grid."""
 
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
+from designlab.reconstruction.height import READ
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
 from designlab.reconstruction.pictures import level_of
@@ -22,6 +23,21 @@ _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
 _COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
 _ROUNDS, _SETTLED = 12, 3e-3
+
+
+class VideoShape(NamedTuple):
+    """What mode video reconstructs.
+
+    Attributes
+    ----------
+    height_mm : array, shape (rows, columns)
+        Height of the pixels above the undeformed membrane.
+    read : array, shape (2, cells, cells)
+        Slopes dz/dx and dz/dy that the colours of the cells tell.
+    """
+
+    height_mm: NDArray[Any]
+    read: NDArray[Any]
 
 
 class VideoMaps:
@@ -61,7 +77,7 @@ class VideoMaps:
 
     def warm_up(self) -> None:
         """Compile what is compiled, so that the first picture takes no longer than others."""
-        self.normals(self.height_mm(self.change(self.calibration.background.astype(np.float32))))
+        self.normals(self.shape(self.change(self.calibration.background.astype(np.float32))))
 
     def on(self, calibration: LabCalibration) -> "VideoMaps":
         """The same maps on another picture of the untouched gel."""
@@ -95,8 +111,8 @@ class VideoMaps:
         sigma = (self._smoothing, self._smoothing, 0)
         return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
 
-    def height_mm(self, change: NDArray[Any]) -> NDArray[Any]:
-        """Height at the pixels, from a change of colour on cells."""
+    def shape(self, change: NDArray[Any]) -> VideoShape:
+        """Height at the pixels and slopes of the cells, from a change of colour on cells."""
         found = self.table(change)
         slopes = np.empty((4, *self._cells), dtype=np.float32)
         _gradients(found, slopes)
@@ -105,12 +121,13 @@ class VideoMaps:
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
             height += self._solver.fine(more, self._detail)
-        return np.ascontiguousarray((self._across @ (self._up @ height).T).T)
+        return VideoShape(np.ascontiguousarray((self._across @ (self._up @ height).T).T), slopes[2:])
 
-    def normals(self, height_mm: NDArray[Any]) -> NDArray[Any]:
-        """Unit normals of a height at the pixels, shape (rows, columns, 3)."""
-        found = np.empty((*height_mm.shape, 3), dtype=np.float32)
-        _normals(height_mm, np.float32(1 / self.calibration.setup.mm_per_px), found)
+    def normals(self, shape: VideoShape) -> NDArray[Any]:
+        """Unit normals at the pixels, shape (rows, columns, 3), of slopes as `height.settled` has them."""
+        found = np.empty((*shape.height_mm.shape, 3), dtype=np.float32)
+        per_mm = np.float32(1 / self.calibration.setup.mm_per_px)
+        _normals(*shape, self.cell_px, per_mm, np.float32(READ), found)
         return found
 
 
@@ -303,15 +320,33 @@ def _applied(height: Single, weight: Single, found: Single) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _normals(height: Single, per_mm: np.float32, found: Single) -> None:
-    """Unit normals by the differences of `height.gradients_of`."""
+def _normals(
+    height: Single, read: Single, cell_px: int, per_mm: np.float32, told: np.float32, found: Single
+) -> None:
+    """Unit normals by the differences of `height.gradients_of`, and slopes of cells in between."""
     rows, columns = height.shape
+    own = np.float32(1) - told
+    cell, half = np.float32(1 / cell_px), np.float32(0.5)
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        v = min(max((row + half) * cell - half, np.float32(0)), np.float32(read.shape[1] - 1))
+        i = min(int(v), read.shape[1] - 2)
+        v -= np.float32(i)
         for column in range(columns):
             left, right = max(column - 1, 0), min(column + 1, columns - 1)
-            p = (height[row, right] - height[row, left]) * per_mm / (right - left)
-            q = (height[above, column] - height[below, column]) * per_mm / (below - above)
+            u = min(max((column + half) * cell - half, np.float32(0)), np.float32(read.shape[2] - 1))
+            j = min(int(u), read.shape[2] - 2)
+            u -= np.float32(j)
+            p = own * (height[row, right] - height[row, left]) * per_mm / (right - left)
+            q = own * (height[above, column] - height[below, column]) * per_mm / (below - above)
+            p += told * (
+                (1 - v) * ((1 - u) * read[0, i, j] + u * read[0, i, j + 1])
+                + v * ((1 - u) * read[0, i + 1, j] + u * read[0, i + 1, j + 1])
+            )
+            q += told * (
+                (1 - v) * ((1 - u) * read[1, i, j] + u * read[1, i, j + 1])
+                + v * ((1 - u) * read[1, i + 1, j] + u * read[1, i + 1, j + 1])
+            )
             size = 1 / np.sqrt(1 + p * p + q * q)
             found[row, column, 0] = -p * size
             found[row, column, 1] = -q * size

@@ -96,11 +96,26 @@ def test_the_untouched_gel_is_flat(method):
     assert np.abs(shape.height_mm).max() < 1e-9
 
 
-def test_height_of_a_cap_and_its_slopes_agree():
-    shape = calibrate(BALLS, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6)).reconstruct(BALLS[4].image)
+def test_a_cap_has_its_depth_and_slopes_between_those_read_and_those_of_the_height():
+    calibration = calibrate(BALLS, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6))
+    shape = calibration.reconstruct(BALLS[4].image)
     assert shape.height_mm[60, 70] == pytest.approx(SURFACE.depth_mm(14 * PITCH_MM), abs=0.026)
     assert shape.height_mm.min() < -0.01  # the gel bulges around the contact
-    np.testing.assert_allclose(gradients_of(shape.height_mm, pitch_mm=PITCH_MM), (shape.p, shape.q))
+    of_height = gradients_of(shape.height_mm, pitch_mm=PITCH_MM)
+    assert calibration.rim is None
+    read = calibration.gradients(BALLS[4].image)
+    for own, told, found in zip(of_height, read, (shape.p, shape.q), strict=True):
+        assert np.abs(found - own).mean() < np.abs(told - own).mean()
+        assert np.abs(found - told).mean() < np.abs(told - own).mean()
+
+
+def test_a_height_that_no_colour_tells_adds_its_own_slopes():
+    shape = calibrate(BALLS, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6)).reconstruct(BALLS[4].image)
+    beyond = 0.01 * np.indices(shape.p.shape)[1] * PITCH_MM
+    raised = shape.raised(beyond, pitch_mm=PITCH_MM)
+    np.testing.assert_allclose(raised.height_mm - shape.height_mm, beyond)
+    np.testing.assert_allclose(raised.p - shape.p, 0.6 * 0.01, atol=1e-9)
+    np.testing.assert_allclose(raised.q, shape.q, atol=1e-9)
 
 
 @pytest.mark.parametrize("thickness_mm", [1.5, 6.0, 10.0])
