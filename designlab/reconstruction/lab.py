@@ -171,7 +171,12 @@ class LabCalibration:
         return weights
 
     def reconstruct(
-        self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False
+        self,
+        image: ArrayLike,
+        *,
+        mask: Mask | None = None,
+        held: Mask | None = None,
+        robust: bool = False,
     ) -> ReconstructedShape:
         """Height, and slopes between those of the finest map and those of the height, see `settled`.
 
@@ -179,15 +184,19 @@ class LabCalibration:
         ----------
         image, mask
             See `gradients`; masked pixels have no weight in the integration.
+        held : bool array, shape (rows, columns), optional
+            Masked pixels that keep their weight all the same, as gel beyond what the camera sees: without it
+            nothing would hold the height to the border.
         robust : bool
             See `integrate`.
         """
         signal = self._signal(image, mask)
+        counted = mask if mask is None or held is None else mask | held
         pitch_mm = self.setup.mm_per_px
 
         def height(p: Array, q: Array, weights: Array | None) -> Array:
-            if mask is not None:
-                weights = mask.astype(float) if weights is None else weights * mask
+            if counted is not None:
+                weights = counted.astype(float) if weights is None else weights * counted
             return integrate(
                 p,
                 q,
@@ -378,7 +387,7 @@ def refine_centres(
     for _ in range(rounds):
         moved = []
         for ball, shape in zip(moving, _left_out(moving, background, plain, method, membrane), strict=True):
-            # slopes of the height alone: those of the colours draw each ball to where its label has it
+            # slopes of the height alone, which lean less on where the labels of the others have their balls
             p, q = gradients_of(shape.height_mm, pitch_mm=setup.mm_per_px)
             normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
             near = ball_truth(ball, known, membrane)[2] < known.contact_radius_px(ball)

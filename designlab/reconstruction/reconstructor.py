@@ -330,8 +330,10 @@ class Reconstructor:
         cell_px = self.video.cell_px if video else 1
         moved, free = None, None
         covered = self._unseen if video else None
+        held = None
         if not video and self.kept.membrane is not None:
-            mask = self.kept.membrane.seen if mask is None else mask & self.kept.membrane.seen
+            held = ~self.kept.membrane.seen
+            mask = ~held if mask is None else mask & ~held
         if self.markers is not None:
             moved = self.markers.followed(values, cell_px=cell_px)
             if video:
@@ -345,7 +347,9 @@ class Reconstructor:
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
-        shape = self.video.shape(change) if video else self.calibration.reconstruct(used, mask=mask)
+        shape = (
+            self.video.shape(change) if video else self.calibration.reconstruct(used, mask=mask, held=held)
+        )
         height = shape.height_mm
         pressed_in = bool(height.max() > 0)
         if not pressed_in and seen.mean() >= LEAST_SEEN:
@@ -436,8 +440,7 @@ class Reconstructor:
     def _normals(self, shape: "ReconstructedShape | VideoShape", beyond_mm: Array | None = None) -> Array:
         """Unit normals of a shape, with the height that its border has beyond 0."""
         if not isinstance(shape, ReconstructedShape):
-            raised = shape if beyond_mm is None else shape._replace(height_mm=shape.height_mm + beyond_mm)
-            return self.video.normals(raised)
+            return self.video.normals(shape, beyond_mm)
         if beyond_mm is not None:
             shape = shape.raised(beyond_mm, pitch_mm=self.calibration.setup.mm_per_px)
         return normals(shape.p, shape.q)

@@ -32,12 +32,12 @@ class VideoShape(NamedTuple):
     ----------
     height_mm : array, shape (rows, columns)
         Height of the pixels above the undeformed membrane.
-    read : array, shape (2, cells, cells)
-        Slopes dz/dx and dz/dy that the colours of the cells tell.
+    slopes : array, shape (2, cells, cells)
+        Slopes dz/dx and dz/dy of the cells, see `height.settled`.
     """
 
     height_mm: NDArray[Any]
-    read: NDArray[Any]
+    slopes: NDArray[Any]
 
 
 class VideoMaps:
@@ -121,13 +121,25 @@ class VideoMaps:
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
             height += self._solver.fine(more, self._detail)
-        return VideoShape(np.ascontiguousarray((self._across @ (self._up @ height).T).T), slopes[2:])
+        settled = np.empty_like(slopes[2:])
+        cell_mm = np.float32(self.cell_px * self.calibration.setup.mm_per_px)
+        _settled(slopes[2:], height, cell_mm, np.float32(1 - READ), settled)
+        return VideoShape(np.ascontiguousarray((self._across @ (self._up @ height).T).T), settled)
 
-    def normals(self, shape: VideoShape) -> NDArray[Any]:
-        """Unit normals at the pixels, shape (rows, columns, 3), of slopes as `height.settled` has them."""
-        found = np.empty((*shape.height_mm.shape, 3), dtype=np.float32)
-        per_mm = np.float32(1 / self.calibration.setup.mm_per_px)
-        _normals(*shape, self.cell_px, per_mm, np.float32(READ), found)
+    def normals(self, shape: VideoShape, beyond_mm: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Unit normals at the pixels, shape (rows, columns, 3).
+
+        Parameters
+        ----------
+        shape : VideoShape
+            What `shape` gives.
+        beyond_mm : array, shape (rows, columns), optional
+            A height in addition, as `ReconstructedShape.raised` adds it.
+        """
+        beyond_mm = np.zeros_like(shape.height_mm) if beyond_mm is None else beyond_mm
+        found = np.empty((*beyond_mm.shape, 3), dtype=np.float32)
+        share = np.float32((1 - READ) / self.calibration.setup.mm_per_px)
+        _normals(shape.slopes, self.cell_px, beyond_mm, share, found)
         return found
 
 
@@ -320,33 +332,52 @@ def _applied(height: Single, weight: Single, found: Single) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _normals(
-    height: Single, read: Single, cell_px: int, per_mm: np.float32, told: np.float32, found: Single
-) -> None:
-    """Unit normals by the differences of `height.gradients_of`, and slopes of cells in between."""
+def _settled(read: Single, height: Single, cell_mm: np.float32, own: np.float32, found: Single) -> None:
+    """Slopes of cells between those read and those of the height, see `height.settled`."""
     rows, columns = height.shape
-    own = np.float32(1) - told
-    cell, half = np.float32(1 / cell_px), np.float32(0.5)
+    half = own / 2
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
-        v = min(max((row + half) * cell - half, np.float32(0)), np.float32(read.shape[1] - 1))
-        i = min(int(v), read.shape[1] - 2)
+        for column in range(columns):
+            left, right = max(column - 1, 0), min(column + 1, columns - 1)
+            p, q = read[0, row, column], read[1, row, column]
+            # at the edge the one neighbour counts twice
+            rise = (height[row, right] - height[row, left]) * 2 / (cell_mm * (right - left))
+            fall = (height[above, column] - height[below, column]) * 2 / (cell_mm * (below - above))
+            if right - left == 2:
+                mean_p = p + (read[0, row, left] + read[0, row, right]) / 2
+            else:
+                mean_p = read[0, row, left] + read[0, row, right]
+            if below - above == 2:
+                mean_q = q + (read[1, above, column] + read[1, below, column]) / 2
+            else:
+                mean_q = read[1, above, column] + read[1, below, column]
+            found[0, row, column] = p + half * (rise - mean_p)
+            found[1, row, column] = q + half * (fall - mean_q)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _normals(slopes: Single, cell_px: int, beyond: Single, share: np.float32, found: Single) -> None:
+    """Unit normals at the pixels: slopes between those of cells, and a share of those of a height."""
+    rows, columns = beyond.shape
+    cell, half = np.float32(1 / cell_px), np.float32(0.5)
+    last_row, last_column = slopes.shape[1] - 1, slopes.shape[2] - 1
+    for row in range(rows):
+        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        v = min(max((row + half) * cell - half, np.float32(0)), np.float32(last_row))
+        i = min(int(v), last_row - 1)
         v -= np.float32(i)
         for column in range(columns):
             left, right = max(column - 1, 0), min(column + 1, columns - 1)
-            u = min(max((column + half) * cell - half, np.float32(0)), np.float32(read.shape[2] - 1))
-            j = min(int(u), read.shape[2] - 2)
+            u = min(max((column + half) * cell - half, np.float32(0)), np.float32(last_column))
+            j = min(int(u), last_column - 1)
             u -= np.float32(j)
-            p = own * (height[row, right] - height[row, left]) * per_mm / (right - left)
-            q = own * (height[above, column] - height[below, column]) * per_mm / (below - above)
-            p += told * (
-                (1 - v) * ((1 - u) * read[0, i, j] + u * read[0, i, j + 1])
-                + v * ((1 - u) * read[0, i + 1, j] + u * read[0, i + 1, j + 1])
-            )
-            q += told * (
-                (1 - v) * ((1 - u) * read[1, i, j] + u * read[1, i, j + 1])
-                + v * ((1 - u) * read[1, i + 1, j] + u * read[1, i + 1, j + 1])
-            )
+            p = share * (beyond[row, right] - beyond[row, left]) / (right - left)
+            q = share * (beyond[above, column] - beyond[below, column]) / (below - above)
+            p += (1 - v) * ((1 - u) * slopes[0, i, j] + u * slopes[0, i, j + 1])
+            p += v * ((1 - u) * slopes[0, i + 1, j] + u * slopes[0, i + 1, j + 1])
+            q += (1 - v) * ((1 - u) * slopes[1, i, j] + u * slopes[1, i, j + 1])
+            q += v * ((1 - u) * slopes[1, i + 1, j] + u * slopes[1, i + 1, j + 1])
             size = 1 / np.sqrt(1 + p * p + q * q)
             found[row, column, 0] = -p * size
             found[row, column, 1] = -q * size

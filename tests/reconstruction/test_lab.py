@@ -11,6 +11,7 @@ from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes,
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.gel_fit import ball_slopes
+from designlab.reconstruction.height import READ
 from designlab.reconstruction.lab import (
     LeftOut,
     calibrate,
@@ -114,7 +115,7 @@ def test_a_height_that_no_colour_tells_adds_its_own_slopes():
     beyond = 0.01 * np.indices(shape.p.shape)[1] * PITCH_MM
     raised = shape.raised(beyond, pitch_mm=PITCH_MM)
     np.testing.assert_allclose(raised.height_mm - shape.height_mm, beyond)
-    np.testing.assert_allclose(raised.p - shape.p, 0.6 * 0.01, atol=1e-9)
+    np.testing.assert_allclose(raised.p - shape.p, (1 - READ) * 0.01, atol=1e-9)
     np.testing.assert_allclose(raised.q, shape.q, atol=1e-9)
 
 
