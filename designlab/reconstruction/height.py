@@ -141,8 +141,9 @@ def settled(
     """Slopes between those read off the colours and those of the height integrated from them.
 
     A height corrects slopes that no surface can have. But it also spreads the errors of a steep rim over the
-    flat gel around, whose slopes the colours tell well. A mean of both errs less than either. Slopes that
-    agree with the height, as `integrate` compares them, are returned as they are, however coarse the pixels.
+    flat gel around, whose slopes the colours tell well. A mean of both errs less than either, unless noise
+    of single pixels is large: of that a height has less. Slopes that agree with the height, as `integrate`
+    compares them, are returned as they are, however coarse the pixels.
 
     Parameters
     ----------

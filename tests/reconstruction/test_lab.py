@@ -110,6 +110,24 @@ def test_a_cap_has_its_depth_and_slopes_between_those_read_and_those_of_the_heig
         assert np.abs(found - told).mean() < np.abs(told - own).mean()
 
 
+@pytest.mark.parametrize("centre_px", [(70.0, 60.0), (50.0, 50.0), (90.0, 55.0)])
+def test_gel_beyond_sight_holds_the_height_to_the_border(centre_px):
+    """One side of a ball is read too steep, which would lift all that is loose from the border."""
+    calibration = calibrate(BALLS, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6))
+    p, q, r_px = slopes(centre_px, 13.0)
+    seen = np.zeros(SHAPE, dtype=bool)
+    seen[5:-5, 5:-5] = True
+    wrong = picture(p + 0.2 * np.maximum(p, 0) * (r_px < 14), q)
+    image = np.where(seen[..., None], wrong, 0.3 * BACKGROUND)
+    truth = SURFACE.height_mm(r_px * PITCH_MM, 13.0 * PITCH_MM)
+
+    def error_mm(held):
+        height = calibration.reconstruct(image, mask=seen, held=held).height_mm
+        return np.abs(height - truth)[seen].mean()
+
+    assert error_mm(~seen) < 0.6 * error_mm(None)
+
+
 def test_a_height_that_no_colour_tells_adds_its_own_slopes():
     shape = calibrate(BALLS, BACKGROUND, SETUP, method=Polynomial(ridge=1e-6)).reconstruct(BALLS[4].image)
     beyond = 0.01 * np.indices(shape.p.shape)[1] * PITCH_MM

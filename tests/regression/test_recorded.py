@@ -7,7 +7,8 @@ these, and has verdicts and confidence anew, and for the margins of `core_sides`
 `core_height`, which are rules since then, and `saturation_share` of
 pictures, which is said since then, and for what `default` is said to be made from: its housing has seats
 since 2026-11-28, which are taken away here, and for the scores of presses, whose pictures since 2026-11-29
-are smoothed by another rule and read by a wider kernel; `cases.py` says what is run. Words must be the same.
+are smoothed by another rule and read by a wider kernel, and whose normals lie between those of the colours
+and those of the height; `cases.py` says what is run. Words must be the same.
 Numbers may differ by what runs of the same code differ by, since the threads of a renderer add up light in
 single precision in an order that is not fixed. That was measured: each case was run twice at that commit,
 on one machine of two cores, each time with an empty cache, and the largest relative difference of any
