@@ -84,23 +84,23 @@ def judge(calibration: LabCalibration, measurement: Measurement, *, robust: bool
         if frame.depth_mm is None or frame.centre_px is None or frame.probe is None:
             continue
         shape = calibration.reconstruct(measurement.image(frame), robust=robust)
-        rows, columns = np.indices(shape.p.shape)
+        rows, columns = np.indices(shape.height_mm.shape)
         if frame.probe.startswith("sphere"):
             radius_mm = float(frame.probe.split(":")[1]) / 2
             p, q, r_px = ball_gradients(
-                shape.p.shape, frame.centre_px, ball_radius_mm=radius_mm, mm_per_px=setup.mm_per_px
+                shape.height_mm.shape, frame.centre_px, ball_radius_mm=radius_mm, mm_per_px=setup.mm_per_px
             )
             inside = r_px * setup.mm_per_px < JUDGED * np.sqrt(
                 frame.depth_mm * (2 * radius_mm - frame.depth_mm)
             )
             down = np.sqrt(np.maximum(radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0))
             truth = down - (radius_mm - frame.depth_mm)
-            angle = float(normal_error_deg(normals(shape.p, shape.q), normals(p, q))[inside].mean())
+            angle = float(normal_error_deg(shape.normals(), normals(p, q))[inside].mean())
         else:
             inside = (np.abs(columns - frame.centre_px[0]) <= FACE_PX[0] / 2) & (
                 np.abs(rows - frame.centre_px[1]) <= FACE_PX[1] / 2
             )
-            truth, angle = np.full(shape.p.shape, frame.depth_mm), None
+            truth, angle = np.full(shape.height_mm.shape, frame.depth_mm), None
         presses.append(Press(frame.file, (shape.height_mm - truth)[inside], angle))
     return presses
 

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
-from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals, settled
+from designlab.reconstruction import KernelCalibration, NearField, blended, fit_kernel, normals
 from designlab.reconstruction.kernel import GradientEstimate
 from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.pictures import colour_change, level_of, noise_share, smoothing_for
@@ -182,7 +182,7 @@ class EvaluationProtocol:
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
         height_mm = _height_mm(found, frame)
-        p, q = settled(found.p, found.q, height_mm, pitch_mm=frame.rays.pitch_mm, mask=mask)
+        p, q = blended(found.p, found.q, height_mm, pitch_mm=frame.rays.pitch_mm, mask=mask)
         estimated = normals(p + base_p, q + base_q)
         truth = normals(true_p + base_p, true_q + base_q)
         region = error_region(frame)

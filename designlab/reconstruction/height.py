@@ -20,8 +20,12 @@ _ROBUST_ROUNDS = 10
 _TOLERANCE = 1e-8
 _SINGLE_TOLERANCE = 1e-4  # from which single precision does
 _COURSE_PX = 2.0  # grain of weights that the preconditioner leaves out
-READ = 0.3
-"""Share of the slopes read off the colours in `settled`."""
+READ_SHARE = 0.3
+"""Share of the slopes read off the colours in `blended`."""
+CLEAR = 2.0
+"""Standard deviations of noise from which a detail of a slope counts."""
+NOISE_PER_MEDIAN = 1.4826
+_TINY = 1e-30
 # Huber's tuning constant: 95 % efficiency on normal errors.
 _HUBER = 1.345
 
@@ -97,7 +101,7 @@ def integrate(
             # in units of slope
             error_x = np.diff(height, axis=1) / pitch_x_mm - along_x * pitch_x_mm
             error_y = np.diff(height, axis=0) / pitch_y_mm - along_y * pitch_y_mm
-            scale = 1.4826 * np.median(np.abs(np.concatenate([error_x.ravel(), error_y.ravel()])))
+            scale = NOISE_PER_MEDIAN * np.median(np.abs(np.concatenate([error_x.ravel(), error_y.ravel()])))
             if scale <= _TOLERANCE:
                 break
             doubt_x, doubt_y = (np.maximum(np.abs(e) / (_HUBER * scale), 1.0) for e in (error_x, error_y))
@@ -130,7 +134,7 @@ def gradients_of(height_mm: ArrayLike, *, pitch_mm: float) -> tuple[Array, Array
     return np.asarray(right), np.asarray(-down)
 
 
-def settled(
+def blended(
     p: Array,
     q: Array,
     height_mm: Array,
@@ -141,9 +145,9 @@ def settled(
     """Slopes between those read off the colours and those of the height integrated from them.
 
     A height corrects slopes that no surface can have. But it also spreads the errors of a steep rim over the
-    flat gel around, whose slopes the colours tell well. A mean of both errs less than either, unless noise
-    of single pixels is large: of that a height has less. Slopes that agree with the height, as `integrate`
-    compares them, are returned as they are, however coarse the pixels.
+    flat gel around, whose slopes the colours tell well. A mean of both errs less than either. What differs
+    from pixel to pixel no height holds. Of that, what stands out of the noise is taken as read (Donoho 1995),
+    so that coarse pixels blur nothing.
 
     Parameters
     ----------
@@ -157,19 +161,22 @@ def settled(
         Pixels whose colours tell slopes; the others have those of the height.
     """
     pitch_x_mm, pitch_y_mm = pitch_mm if isinstance(pitch_mm, tuple) else (pitch_mm, pitch_mm)
+    own_p, own_q = np.gradient(height_mm, pitch_x_mm, axis=1), -np.gradient(height_mm, pitch_y_mm, axis=0)
+    return _blended(p, own_p, mask), _blended(q.T, own_q.T, None if mask is None else mask.T).T
+
+
+def _blended(read: Array, own: Array, mask: Mask | None) -> Array:
+    """Slopes along the rows, from those read and those of the height."""
     if mask is not None:
-        own_p, own_q = np.gradient(height_mm, pitch_x_mm, axis=1), -np.gradient(height_mm, pitch_y_mm, axis=0)
-        p, q = np.where(mask, p, own_p), np.where(mask, q, own_q)
-    amiss_x = np.diff(height_mm, axis=1) / pitch_x_mm - (p[:, 1:] + p[:, :-1]) / 2
-    amiss_y = -np.diff(height_mm, axis=0) / pitch_y_mm - (q[1:] + q[:-1]) / 2
-    # at a pixel, the mean of what is amiss before and after it
-    beside_x, beside_y = (
-        np.pad(amiss_x, ((0, 0), (1, 1)), mode="edge"),
-        np.pad(amiss_y, ((1, 1), (0, 0)), mode="edge"),
-    )
-    p = p + (1 - READ) * (beside_x[:, 1:] + beside_x[:, :-1]) / 2
-    q = q + (1 - READ) * (beside_y[1:] + beside_y[:-1]) / 2
-    return p, q
+        read = np.where(mask, read, own)
+    beside = np.pad(read, ((0, 0), (1, 1)), mode="reflect")
+    even = (beside[:, :-2] + 2 * read + beside[:, 2:]) / 4  # all that differences of a height can hold
+    detail = read - even
+    size = np.abs(detail if mask is None else detail[mask])
+    noise = NOISE_PER_MEDIAN * float(np.median(size)) if size.size else 0.0
+    clear = np.maximum(1 - (CLEAR * noise / np.maximum(np.abs(detail), _TINY)) ** 2, 0)
+    found = own + READ_SHARE * (even - own) + clear * detail
+    return np.asarray(found if mask is None else np.where(mask, found, own))
 
 
 def _divergence(along_x: Array, along_y: Array) -> Array:

@@ -1,7 +1,7 @@
 """Calibration as a lab does it: ball presses in, a map from pictures to height and normals out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from designlab.reconstruction.ball_samples import (
 )
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
-from designlab.reconstruction.height import READ, gradients_of, integrate, normals, settled
+from designlab.reconstruction.height import blended, gradients_of, integrate, normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import (
     ErrorMap,
@@ -42,20 +42,43 @@ from designlab.reconstruction.pictures import check_mask
 
 RIDGES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 _POSITION_SCALES = (1.4, 2.0, 2.8)  # how fast colours change with place differs from sensor to sensor
+_UNSEEN = 1e-2  # weight of gel beyond the camera's sight
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
-class ReconstructedShape(NamedTuple):
-    """Reconstructed indentation: height (mm) above the undeformed membrane, and its slopes, see `settled`."""
+@dataclass(frozen=True, eq=False)
+class ReconstructedShape:
+    """Reconstructed indentation.
+
+    Attributes
+    ----------
+    height_mm : array, shape (rows, columns)
+        Height above the undeformed membrane.
+    read : pair of array, shape (rows, columns)
+        Slopes dz/dx and dz/dy that the finest map reads off the colours.
+    pitch_mm : float
+        Distance of pixels.
+    mask : bool array, shape (rows, columns), optional
+        Pixels whose colours tell slopes; all when absent.
+    """
 
     height_mm: Array
-    p: Array
-    q: Array
+    read: tuple[Array, Array]
+    pitch_mm: float
+    mask: Mask | None = None
 
-    def raised(self, by_mm: Array, *, pitch_mm: float) -> "ReconstructedShape":
+    @cached_property
+    def slopes(self) -> tuple[Array, Array]:
+        """Slopes between those read and those of the height, see `blended`."""
+        return blended(*self.read, self.height_mm, pitch_mm=self.pitch_mm, mask=self.mask)
+
+    def normals(self) -> Array:
+        """Unit normals of the slopes, shape (rows, columns, 3)."""
+        return normals(*self.slopes)
+
+    def raised(self, by_mm: Array) -> "ReconstructedShape":
         """The same shape with a height added that no colour tells, as that of its border is."""
-        more_p, more_q = ((1 - READ) * more for more in gradients_of(by_mm, pitch_mm=pitch_mm))
-        return ReconstructedShape(self.height_mm + by_mm, self.p + more_p, self.q + more_q)
+        return replace(self, height_mm=self.height_mm + by_mm)
 
 
 class FittedMap(NamedTuple):
@@ -175,28 +198,30 @@ class LabCalibration:
         image: ArrayLike,
         *,
         mask: Mask | None = None,
-        held: Mask | None = None,
+        unseen: Mask | None = None,
         robust: bool = False,
     ) -> ReconstructedShape:
-        """Height, and slopes between those of the finest map and those of the height, see `settled`.
+        """Height and slopes of a press.
 
         Parameters
         ----------
         image, mask
             See `gradients`; masked pixels have no weight in the integration.
-        held : bool array, shape (rows, columns), optional
-            Masked pixels that keep their weight all the same, as gel beyond what the camera sees: without it
-            nothing would hold the height to the border.
+        unseen : bool array, shape (rows, columns), optional
+            Masked pixels beyond what the camera sees. They are taken to be flat, with little weight: without
+            any nothing would hold the height to the border.
         robust : bool
             See `integrate`.
         """
         signal = self._signal(image, mask)
-        counted = mask if mask is None or held is None else mask | held
         pitch_mm = self.setup.mm_per_px
+        counted = None if mask is None else mask.astype(float)
+        if counted is not None and unseen is not None:
+            counted[unseen] = _UNSEEN
 
         def height(p: Array, q: Array, weights: Array | None) -> Array:
             if counted is not None:
-                weights = counted.astype(float) if weights is None else weights * counted
+                weights = counted if weights is None else weights * counted
             return integrate(
                 p,
                 q,
@@ -213,7 +238,7 @@ class LabCalibration:
             more = height(*rim[0]) - height_mm
             height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
         p, q, _ = rim[0] if rim else inner
-        return ReconstructedShape(height_mm, *settled(p, q, height_mm, pitch_mm=pitch_mm, mask=mask))
+        return ReconstructedShape(height_mm, (p, q), pitch_mm, mask)
 
     def change(self, image: ArrayLike, mask: Mask | None = None) -> Array:
         """Change of colour from the untouched gel, in spreads, (rows, columns, channels)."""
@@ -424,7 +449,8 @@ def left_out_of_each(
     )
     for ball, shape in zip(balls, shapes, strict=True):
         p, q, r_px = ball_truth(ball, setup, membrane)
-        error_deg = normal_error_deg(normals(shape.p + base_p, shape.q + base_q), normals(p, q))
+        own_p, own_q = shape.slopes
+        error_deg = normal_error_deg(normals(own_p + base_p, own_q + base_q), normals(p, q))
         inside = r_px < ball.contact_radius_px
         contact = r_px < setup.contact_radius_px(ball)
         axis_mm = setup.mm_per_px * np.hypot(*axis_places(ball, setup, membrane))

@@ -23,12 +23,12 @@ from designlab.mechanics.surface_pressure import (
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
 from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
-from designlab.reconstruction.height import border_surface, normals
-from designlab.reconstruction.lab import LabCalibration, ReconstructedShape
+from designlab.reconstruction.height import border_surface
+from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
 
 if TYPE_CHECKING:
-    from designlab.reconstruction.video import VideoMaps, VideoShape
+    from designlab.reconstruction.video import VideoMaps
 
 Mode = Literal["accurate", "video"]
 
@@ -330,10 +330,10 @@ class Reconstructor:
         cell_px = self.video.cell_px if video else 1
         moved, free = None, None
         covered = self._unseen if video else None
-        held = None
+        unseen = None
         if not video and self.kept.membrane is not None:
-            held = ~self.kept.membrane.seen
-            mask = ~held if mask is None else mask & ~held
+            unseen = ~self.kept.membrane.seen
+            mask = ~unseen if mask is None else mask & ~unseen
         if self.markers is not None:
             moved = self.markers.followed(values, cell_px=cell_px)
             if video:
@@ -348,7 +348,9 @@ class Reconstructor:
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         shape = (
-            self.video.shape(change) if video else self.calibration.reconstruct(used, mask=mask, held=held)
+            self.video.shape(change)
+            if video
+            else self.calibration.reconstruct(used, mask=mask, unseen=unseen)
         )
         height = shape.height_mm
         pressed_in = bool(height.max() > 0)
@@ -357,9 +359,7 @@ class Reconstructor:
         if not pressed_in or seen.mean() < LEAST_SEEN:
             nowhere = np.zeros(height.shape, dtype=bool)
             shift = None if moved is None else self._shift(moved, height, None)
-            return PressShape(
-                height, self._normals(shape), nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift
-            )
+            return PressShape(height, shape.normals(), nowhere, 0.0, 0.0, None, tuple(warnings), drift, shift)
         # The integration holds the border at 0; the gel under this pressure has another height there. What
         # touches near the border is worth a second look.
         efforts: tuple[Mode, ...] = ("video",) if video else ("video", "accurate" if pressure else "video")
@@ -380,7 +380,7 @@ class Reconstructor:
             warnings += _rough(shift.shear)
         return PressShape(
             height,
-            self._normals(shape, beyond),
+            shape.raised(beyond).normals(),
             contact,
             float(height.max()),
             float(contact.sum() * self.calibration.setup.mm_per_px**2),
@@ -436,14 +436,6 @@ class Reconstructor:
             ]
         warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
         return image * np.asarray(1 / gain, dtype=image.dtype), warnings
-
-    def _normals(self, shape: "ReconstructedShape | VideoShape", beyond_mm: Array | None = None) -> Array:
-        """Unit normals of a shape, with the height that its border has beyond 0."""
-        if not isinstance(shape, ReconstructedShape):
-            return self.video.normals(shape, beyond_mm)
-        if beyond_mm is not None:
-            shape = shape.raised(beyond_mm, pitch_mm=self.calibration.setup.mm_per_px)
-        return normals(shape.p, shape.q)
 
     def _pressure(self, height_mm: Array, effort: Mode) -> SurfacePressure:
         setup = self.calibration.setup

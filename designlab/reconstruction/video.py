@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
-from designlab.reconstruction.height import READ
+from designlab.reconstruction.height import CLEAR, NOISE_PER_MEDIAN, READ_SHARE
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.methods import outputs_at
 from designlab.reconstruction.pictures import level_of
@@ -32,12 +32,32 @@ class VideoShape(NamedTuple):
     ----------
     height_mm : array, shape (rows, columns)
         Height of the pixels above the undeformed membrane.
-    slopes : array, shape (2, cells, cells)
-        Slopes dz/dx and dz/dy of the cells, see `height.settled`.
+    cells : array, shape (2, cells, cells)
+        Slopes dz/dx and dz/dy of the cells, see `height.blended`.
+    cell_px : int
+        Pixels along a cell.
+    mm_per_px : float
+        Distance of pixels.
+    beyond_mm : array, shape (rows, columns), optional
+        What of the height no colour tells.
     """
 
     height_mm: NDArray[Any]
-    slopes: NDArray[Any]
+    cells: NDArray[Any]
+    cell_px: int
+    mm_per_px: float
+    beyond_mm: NDArray[Any] | None = None
+
+    def raised(self, by_mm: NDArray[Any]) -> "VideoShape":
+        """The same shape with a height added that no colour tells, as that of its border is."""
+        return self._replace(height_mm=self.height_mm + by_mm, beyond_mm=by_mm)
+
+    def normals(self) -> NDArray[Any]:
+        """Unit normals at the pixels, shape (rows, columns, 3), between those of the cells."""
+        beyond = np.zeros_like(self.height_mm) if self.beyond_mm is None else self.beyond_mm
+        found = np.empty((*beyond.shape, 3), dtype=np.float32)
+        _normals(self.cells, self.cell_px, beyond, np.float32((1 - READ_SHARE) / self.mm_per_px), found)
+        return found
 
 
 class VideoMaps:
@@ -77,7 +97,7 @@ class VideoMaps:
 
     def warm_up(self) -> None:
         """Compile what is compiled, so that the first picture takes no longer than others."""
-        self.normals(self.shape(self.change(self.calibration.background.astype(np.float32))))
+        self.shape(self.change(self.calibration.background.astype(np.float32))).normals()
 
     def on(self, calibration: LabCalibration) -> "VideoMaps":
         """The same maps on another picture of the untouched gel."""
@@ -121,26 +141,20 @@ class VideoMaps:
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
             height += self._solver.fine(more, self._detail)
-        settled = np.empty_like(slopes[2:])
-        cell_mm = np.float32(self.cell_px * self.calibration.setup.mm_per_px)
-        _settled(slopes[2:], height, cell_mm, np.float32(1 - READ), settled)
-        return VideoShape(np.ascontiguousarray((self._across @ (self._up @ height).T).T), settled)
+        mm_per_px = self.calibration.setup.mm_per_px
+        cells = _blended(slopes[2:], height, np.float32(self.cell_px * mm_per_px))
+        pixels = np.ascontiguousarray((self._across @ (self._up @ height).T).T)
+        return VideoShape(pixels, cells, self.cell_px, mm_per_px)
 
-    def normals(self, shape: VideoShape, beyond_mm: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Unit normals at the pixels, shape (rows, columns, 3).
 
-        Parameters
-        ----------
-        shape : VideoShape
-            What `shape` gives.
-        beyond_mm : array, shape (rows, columns), optional
-            A height in addition, as `ReconstructedShape.raised` adds it.
-        """
-        beyond_mm = np.zeros_like(shape.height_mm) if beyond_mm is None else beyond_mm
-        found = np.empty((*beyond_mm.shape, 3), dtype=np.float32)
-        share = np.float32((1 - READ) / self.calibration.setup.mm_per_px)
-        _normals(shape.slopes, self.cell_px, beyond_mm, share, found)
-        return found
+def _blended(read: Single, height: Single, cell_mm: np.float32) -> Single:
+    """Slopes of cells between those read and those of the height, see `height.blended`."""
+    detail, found = np.empty_like(read), np.empty_like(read)
+    _details(read, detail)
+    # every third cell tells the noise as well
+    noise = [NOISE_PER_MEDIAN * float(np.median(np.abs(part[::3, ::3]))) for part in detail]
+    _blend(read, detail, height, cell_mm, (CLEAR * np.array(noise, np.float32)) ** 2, found)
+    return found
 
 
 def _filled(values: Single, free: Mask) -> Single:
@@ -332,28 +346,38 @@ def _applied(height: Single, weight: Single, found: Single) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _settled(read: Single, height: Single, cell_mm: np.float32, own: np.float32, found: Single) -> None:
-    """Slopes of cells between those read and those of the height, see `height.settled`."""
+def _details(read: Single, detail: Single) -> None:
+    """What differs from cell to cell: p along the rows, q along the columns, mirrored at the edge."""
+    rows, columns = read.shape[1:]
+    for row in range(rows):
+        above, below = abs(row - 1), rows - 1 - abs(rows - 2 - row)
+        for column in range(columns):
+            left, right = abs(column - 1), columns - 1 - abs(columns - 2 - column)
+            detail[0, row, column] = (2 * read[0, row, column] - read[0, row, left] - read[0, row, right]) / 4
+            detail[1, row, column] = (
+                2 * read[1, row, column] - read[1, above, column] - read[1, below, column]
+            ) / 4
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _blend(
+    read: Single, detail: Single, height: Single, cell_mm: np.float32, least: Single, found: Single
+) -> None:
+    """Slopes of cells; details whose square is below `least` are noise."""
     rows, columns = height.shape
-    half = own / 2
+    told = np.float32(READ_SHARE)
+    own = 1 - told
     for row in range(rows):
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
         for column in range(columns):
             left, right = max(column - 1, 0), min(column + 1, columns - 1)
-            p, q = read[0, row, column], read[1, row, column]
-            # at the edge the one neighbour counts twice
-            rise = (height[row, right] - height[row, left]) * 2 / (cell_mm * (right - left))
-            fall = (height[above, column] - height[below, column]) * 2 / (cell_mm * (below - above))
-            if right - left == 2:
-                mean_p = p + (read[0, row, left] + read[0, row, right]) / 2
-            else:
-                mean_p = read[0, row, left] + read[0, row, right]
-            if below - above == 2:
-                mean_q = q + (read[1, above, column] + read[1, below, column]) / 2
-            else:
-                mean_q = read[1, above, column] + read[1, below, column]
-            found[0, row, column] = p + half * (rise - mean_p)
-            found[1, row, column] = q + half * (fall - mean_q)
+            rise = (height[row, right] - height[row, left]) / (cell_mm * (right - left))
+            fall = (height[above, column] - height[below, column]) / (cell_mm * (below - above))
+            for axis, slope in ((0, rise), (1, fall)):
+                fine = detail[axis, row, column]
+                even = read[axis, row, column] - fine
+                clear = max(1 - least[axis] / max(fine * fine, np.float32(1e-30)), np.float32(0))
+                found[axis, row, column] = own * slope + told * even + clear * fine
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -475,7 +475,7 @@ def _errors(
     normal, height = [], []
     for frame, image in zip(frames, pictures, strict=True):
         shape, region = calibration.reconstruct(image), error_region(frame)
-        error = normal_error_deg(normals(shape.p, shape.q), normals(*frame.gradient))
+        error = normal_error_deg(shape.normals(), normals(*frame.gradient))
         normal.append(error[region].mean())
         height.append(((shape.height_mm - frame.height_mm)[region] ** 2).mean())
     return float(np.mean(normal)), 1000 * math.sqrt(float(np.mean(height)))
