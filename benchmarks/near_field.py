@@ -16,7 +16,7 @@ from designlab.core.metrics import normal_error_deg
 from designlab.evaluation.evaluate import FIDELITIES
 from designlab.evaluation.press_plan import PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, sub_seed
-from designlab.reconstruction import normals
+from designlab.reconstruction import blended, normals
 from designlab.sensor.design import preset
 from designlab.simulation.simulator import Simulator, exposure
 from geometries.elastomer import base_gradient
@@ -66,7 +66,8 @@ def main() -> None:
             for tilts, heights in passes:
                 estimate = light.estimate(result.image)
                 height_mm = estimate.height_mm(pitch_mm=pitch_mm)
-                seen = normals(estimate.p + base_p, estimate.q + base_q)
+                p, q = blended(estimate.p, estimate.q, height_mm, pitch_mm=pitch_mm)
+                seen = normals(p + base_p, q + base_q)
                 tilts.append(normal_error_deg(seen, result.true_normals)[result.region])
                 heights.append(1000 * (height_mm - frame.height_mm)[result.region])
                 light = known.shadowed(height_mm, pitch_mm=pitch_mm)

@@ -174,7 +174,7 @@ def _blended(read: Array, own: Array, mask: Mask | None) -> Array:
     detail = read - even
     size = np.abs(detail if mask is None else detail[mask])
     noise = NOISE_PER_MEDIAN * float(np.median(size)) if size.size else 0.0
-    clear = np.maximum(1 - (CLEAR * noise / np.maximum(np.abs(detail), _TINY)) ** 2, 0)
+    clear = np.maximum(1 - (CLEAR * noise) ** 2 / np.maximum(detail**2, _TINY), 0)
     found = own + READ_SHARE * (even - own) + clear * detail
     return np.asarray(found if mask is None else np.where(mask, found, own))
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction import video
 from designlab.reconstruction.calibration_file import load_calibration
 from designlab.reconstruction.colour_table import OUTPUTS, ColourTable
-from designlab.reconstruction.height import integrate, normals
+from designlab.reconstruction.height import READ_SHARE, blended, integrate, normals
 from designlab.reconstruction.markers import Markers
 from designlab.reconstruction.reconstructor import Reconstructor
 from tests.helpers.ball_pictures import UNTOUCHED, coin, exposed, pressed, pressed_twice
@@ -165,3 +166,28 @@ def test_markers_are_followed_and_left_out_of_a_frame(calibration_file, centre, 
     assert shape.markers is not None
     assert len(shape.markers.places_mm) > 0.8 * len(markers.places_px)
     assert np.median(shape.markers.moved_mm, axis=0) == pytest.approx((PITCH_MM, 0.0), abs=0.02)
+
+
+@pytest.mark.parametrize("shape", [(20, 31), (2, 5), (7, 2), (3, 3)])
+def test_slopes_of_cells_blend_as_those_of_pixels(shape):
+    """Few cells have details, so that none of them is noise."""
+    random = np.random.default_rng(5)
+    height = random.normal(size=shape).cumsum(axis=0).cumsum(axis=1).astype(np.float32)
+    p, q = np.zeros((2, *shape), dtype=np.float32)
+    p[4::9, 4::9], q[4::9, 4::9] = 0.4, -0.3
+    p += 0.1
+    found = video._blended(np.array([p, q]), height, np.float32(0.2))
+    np.testing.assert_allclose(found, blended(p, q, height, pitch_mm=0.2), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("cell_px", [1, 2, 3])
+def test_a_frame_has_the_slopes_of_its_cells_and_of_what_is_added(cell_px):
+    """Even slopes; beyond them a plane that rises to the right and upwards."""
+    rows, columns = np.indices((30, 42)).astype(np.float32)
+    beyond = 0.1 * (0.2 * columns - 0.3 * rows)
+    cells = np.broadcast_to(np.float32([[[0.1]], [[-0.2]]]), (2, -(-30 // cell_px), -(-42 // cell_px))).copy()
+    shape = video.VideoShape(np.zeros_like(beyond), cells, cell_px, 0.1).raised(beyond)
+    share = 1 - READ_SHARE
+    expected = normals(np.full(beyond.shape, 0.1 + share * 0.2), np.full(beyond.shape, -0.2 + share * 0.3))
+    np.testing.assert_allclose(shape.normals(), expected, atol=1e-5)
+    np.testing.assert_allclose(shape.height_mm, beyond)

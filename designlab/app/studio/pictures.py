@@ -26,7 +26,7 @@ from designlab.core.store import digest
 from designlab.core.types import Array
 from designlab.evaluation.protocol import EvaluationProtocol, error_region
 from designlab.mechanics.contact import NotConverged
-from designlab.reconstruction import normals
+from designlab.reconstruction import blended, normals
 from designlab.report.live_maps import height_colours, normal_pixels
 from designlab.sensor.camera import EXPOSING
 from designlab.sensor.design import LABELS, Design
@@ -313,7 +313,8 @@ def _relief(bench: Bench, job: PictureJob, samples: int, waits: Callable[[], boo
     _give_way(waits)
     height = found.height_mm(pitch_mm=pitch)
     base_p, base_q = (np.nan_to_num(part) for part in base_gradient(design.elastomer, *frame.seen_mm))
-    field = normals(found.p + base_p, found.q + base_q)
+    p, q = blended(found.p, found.q, height, pitch_mm=pitch)
+    field = normals(p + base_p, q + base_q)
     true_p, true_q = frame.gradient
     wrong = normal_error_deg(field, normals(true_p + base_p, true_q + base_q))
     region = error_region(frame)

@@ -13,7 +13,7 @@ from designlab.core.images import png_bytes, read_picture, resize_area
 from designlab.core.types import Array
 from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol
 from designlab.measurement.importing.conversion import decoded
-from designlab.reconstruction import normals
+from designlab.reconstruction import blended, normals
 from designlab.report.live_maps import height_colours, normal_pixels
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
@@ -113,11 +113,13 @@ def _by_design(bench: "Bench", picture: Array, background: Array | None, design:
         rest = gaussian_filter(rest, (SMOOTHING_PX, SMOOTHING_PX, 0))
         level = near.background / np.maximum(rest, 1e-4)
     found = near.estimate(smaller * level)
-    height = found.height_mm(pitch_mm=untouched.rays.pitch_mm)
+    pitch_mm = untouched.rays.pitch_mm
+    height = found.height_mm(pitch_mm=pitch_mm)
+    p, q = blended(found.p, found.q, height, pitch_mm=pitch_mm)
     base_p, base_q = (np.nan_to_num(part) for part in base_gradient(design.elastomer, *untouched.seen_mm))
     by = "levelled to the background" if background is not None else "levelled to its border"
     facts = {"depth": f"{float(height.max()):.2f} mm", "light": f"of the design, {by}"}
-    return _relief(height, normals(found.p + base_p, found.q + base_q), facts)
+    return _relief(height, normals(p + base_p, q + base_q), facts)
 
 
 def _view(design: Design, picture: Array) -> View:
