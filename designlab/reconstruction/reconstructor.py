@@ -105,7 +105,8 @@ class PressShape:
     height_mm : array, shape (rows, columns)
         How far the gel is pressed in; negative where it bulges.
     normals : array, shape (rows, columns, 3)
-        Unit normals in the sensor frame: x right, y up, z towards the camera.
+        Unit normals in the sensor frame: x right, y up, z towards the camera; not quite those of the height,
+        see `height.blended`.
     contact : bool array, shape (rows, columns)
         Where something touches the gel, see `mechanics.surface_pressure`.
     depth_mm : float

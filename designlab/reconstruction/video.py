@@ -64,7 +64,7 @@ class VideoMaps:
     """A calibration made fast.
 
     Colours are smoothed over some pixels before they are read, so cells of about that size lose nothing:
-    maps are read and slopes integrated on cells, and heights then interpolated to the pixels.
+    maps are read and slopes integrated on cells, and heights and slopes then interpolated to the pixels.
 
     Parameters
     ----------
