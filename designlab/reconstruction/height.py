@@ -25,6 +25,7 @@ READ_SHARE = 0.3
 CLEAR = 2.0
 """Standard deviations of noise from which a detail of a slope counts."""
 NOISE_PER_MEDIAN = 1.4826
+"""Standard deviation of normal noise over the median of its size."""
 _TINY = 1e-30
 # Huber's tuning constant: 95 % efficiency on normal errors.
 _HUBER = 1.345
@@ -146,8 +147,8 @@ def blended(
 
     A height corrects slopes that no surface can have. But it also spreads the errors of a steep rim over the
     flat gel around, whose slopes the colours tell well. A mean of both errs less than either. What differs
-    from pixel to pixel no height holds. Of that, what stands out of the noise is taken as read (Donoho 1995),
-    so that coarse pixels blur nothing.
+    from pixel to pixel no height holds. Of that, what stands out of the noise is taken as read, by the
+    non-negative garrote (Breiman 1995), so that coarse pixels blur nothing.
 
     Parameters
     ----------

@@ -180,6 +180,19 @@ def test_slopes_of_cells_blend_as_those_of_pixels(shape):
     np.testing.assert_allclose(found, blended(p, q, height, pitch_mm=0.2), rtol=1e-4, atol=1e-4)
 
 
+def test_noise_of_cells_is_left_out_as_that_of_pixels():
+    """A ninth of the cells tells the noise to some per cent; without it every detail would be as read."""
+    random = np.random.default_rng(6)
+    rows, columns = np.indices((90, 120)) / 15
+    height = (0.3 * np.exp(-((rows - 3) ** 2) - (columns - 4) ** 2)).astype(np.float32)
+    down, p = np.gradient(height, 0.1)
+    read = np.array([p, -down]) + 0.05 * random.normal(size=(2, *height.shape))
+    found = video._blended(read.astype(np.float32), height, np.float32(0.1))
+    expected = np.array(blended(*read, height, pitch_mm=0.1))
+    assert np.abs(found - expected).mean() < 0.02 * np.abs(read - expected).mean()
+    assert np.abs(found - read).mean() > 0.5 * 0.05
+
+
 @pytest.mark.parametrize("cell_px", [1, 2, 3])
 def test_a_frame_has_the_slopes_of_its_cells_and_of_what_is_added(cell_px):
     """Even slopes; beyond them a plane that rises to the right and upwards."""
