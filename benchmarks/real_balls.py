@@ -29,11 +29,12 @@ from rival_methods import LookupTable, Perceptron
 from designlab.core.metrics import normal_error_deg
 from designlab.measurement import Measurement, load_measurement
 from designlab.reconstruction import normals
-from designlab.reconstruction.ball_samples import Setup, known_gel
+from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, ball_gradients
 from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
 from designlab.reconstruction.methods import Kernel, Method, Polynomial
+from designlab.reconstruction.setup import Setup
 
 Array = NDArray[np.float64]
 JUDGED = 0.85

@@ -29,14 +29,15 @@ from designlab.core.metrics import normal_error_deg
 from designlab.inference.calibration.ball_set import BallSet, load_balls
 from designlab.inference.calibration.balls import COARSE, calibrate_balls, kept_of
 from designlab.reconstruction import normals
-from designlab.reconstruction.ball_samples import Setup, ball_truth, known_gel
+from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
-from designlab.reconstruction.gel_fit import ball_slopes
 from designlab.reconstruction.lab import calibrations_without_each, refine_centres
 from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
+from designlab.reconstruction.setup import Setup
 
 Array = NDArray[np.float64]
 MODES: tuple[Mode, ...] = ("accurate", "video")
@@ -88,7 +89,7 @@ class Made:
         p, q = np.zeros(SHAPE), np.zeros(SHAPE)
         for (column, row), radius_px in contacts:
             x, y = (self.columns - column) * MM_PER_PX, (row - self.rows) * MM_PER_PX
-            more_p, more_q = ball_slopes(self.surface, x, y, radius_px * MM_PER_PX)
+            more_p, more_q = self.surface.gradient(x, y, radius_px * MM_PER_PX)
             p, q = p + more_p, q + more_q
         return p, q
 
@@ -133,7 +134,7 @@ class Made:
             for (column, row), radius_px in contacts:
                 away_px = np.hypot(self.columns - column, self.rows - row)
                 truth |= away_px < radius_px
-                height += self.surface.height_mm(away_px * MM_PER_PX, radius_px * MM_PER_PX)
+                height += self.surface.height_of(radius_px * MM_PER_PX)(away_px * MM_PER_PX)
             angle = normal_error_deg(shape.normals.astype(float), normals(p, q))
             off = 1000 * (shape.height_mm - height)
             yield Errors(
@@ -159,7 +160,8 @@ def real(folder: Path) -> dict[Mode, list[Errors]]:
     for number, calibration in enumerate(calibrations_without_each(known, balls.background, setup)):
         ball = known[number]
         kept = kept_of(calibration, [*known[:number], *known[number + 1 :]], {})
-        p, q, r_px = ball_truth(ball, setup)
+        view = ball_view(ball, setup)
+        (p, q), r_px = view.ball_slopes, view.r_px
         contact = r_px < setup.contact_radius_px(ball)
         cap = np.sqrt(np.maximum(setup.ball_radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0.0))
         for mode in MODES:

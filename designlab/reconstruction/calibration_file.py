@@ -11,10 +11,10 @@ import numpy as np
 
 from designlab.core.store import write_atomic
 from designlab.core.types import Array
-from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.lab import FittedMap, LabCalibration
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import ErrorMap, Kernel, LinearMap, LinearMethod, Polynomial
+from designlab.reconstruction.setup import Setup
 
 FORMAT, CURVED = 1, 2  # pictures as they are, or laid on a grid of the membrane
 _OF_MEMBRANE = ("columns", "rows", "height_mm", "p", "q", "sight_x", "sight_y")

@@ -1,6 +1,7 @@
 """Thickness of the gel and bias of the circles read off, from ball presses alone."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.stats import t as student
 
 from designlab.core.types import Array
 from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.ball_view import BallView
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.methods import Kernel, LinearMap, Predictor, Samples
@@ -25,7 +27,7 @@ _PIXELS = 400  # a ball
 _FINE = 801  # values between those tried
 _LIKELY = 0.975  # of Student's distribution: 95 % between both ends
 _SLOPE = 0.3  # unit of slope
-_COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=120)
+_COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=240)
 
 
 class FittedValue(NamedTuple):
@@ -57,13 +59,10 @@ class GelFit(NamedTuple):
 def fit_gel(
     balls: Sequence[BallPress],
     changes: Sequence[Array],
-    places_px: Sequence[tuple[Array, Array]],
+    views: Sequence[BallView],
     *,
-    ball_radii_mm: Sequence[float],
-    mm_per_px: float,
     smoothing_px: float,
     reach: float,
-    poisson: float,
     thickness_mm: float | None = None,
     label_bias: float | None = None,
     seed: int = 0,
@@ -85,12 +84,10 @@ def fit_gel(
         At least three, with refined centres.
     changes : sequence of arrays, shape (rows, columns, channels)
         Smoothed changes of colour in units of their spread.
-    places_px : sequence of pair of arrays, shape (rows, columns)
-        Places that the pixels see, to the right of and above the middle of each contact.
-    ball_radii_mm : sequence of float
-        Radius of each ball (mm).
-    mm_per_px, smoothing_px, poisson
-        As in `ball_samples.Setup`.
+    views : sequence of BallView
+        What the pixels see of each ball, on a gel of any thickness.
+    smoothing_px
+        As in `Setup`.
     reach : float
         Pixels within so many contact radii are used.
     thickness_mm, label_bias : float, optional
@@ -109,11 +106,11 @@ def fit_gel(
             f"got {len(balls)}"
         )
     draw = np.random.default_rng(seed)
-    views = [
-        _View.of(ball, change, place, reach, smoothing_px, draw)
-        for ball, change, place in zip(balls, changes, places_px, strict=True)
+    shown = [
+        _Shown.of(ball, change, view, reach, smoothing_px, draw)
+        for ball, change, view in zip(balls, changes, views, strict=True)
     ]
-    scene = _Scene(views, ball_radii_mm, mm_per_px, smoothing_px, poisson, label_bias)
+    scene = _Scene(shown, smoothing_px, label_bias)
     if thickness_mm is not None:
         thinness = np.array([scene.usual_radius_mm / thickness_mm])
         radii, misfit = scene.profile(thinness, scene.first_radii(thickness_mm), rounds=2)
@@ -141,7 +138,7 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
             return best, float(np.log1p(scene.label_bias))
         return best, float((np.log(scene.labels_mm) - radii_of(best))[kept].mean())
 
-    every = np.arange(len(scene.views))
+    every = np.arange(len(scene.shown))
     found = np.array(least(misfit, every))
     parts = zip(scene.usual_radius_mm / thinness, radii, strict=True)
     fewer = np.array([scene.misfits_without_each(*part) for part in parts])
@@ -175,12 +172,11 @@ def _between(tried: Array, misfit: Array) -> tuple[Array, Array]:
     return fine, np.log(np.maximum(values, 0.5 * misfit.min(axis=0)))
 
 
-class _View(NamedTuple):
+class _Shown(NamedTuple):
     """Part of a picture around a ball, and the pixels of it that are compared."""
 
     radius_px: float
-    x_px: Array
-    y_px: Array
+    view: BallView
     chosen: NDArray[np.intp]
     colour: Array
     position: Array
@@ -190,47 +186,57 @@ class _View(NamedTuple):
         cls,
         ball: BallPress,
         change: Array,
-        place_px: tuple[Array, Array],
+        view: BallView,
         reach: float,
         smoothing_px: float,
         draw: np.random.Generator,
-    ) -> "_View":
+    ) -> "_Shown":
         """Pixels drawn evenly from the circle of `reach` radii."""
-        x, y = place_px
+        r_px = view.r_px
         rows, columns = np.indices(change.shape[:2])
         far = reach * ball.contact_radius_px + 4 * smoothing_px
-        around = np.hypot(x, y) <= far
+        around = r_px <= far
         down, across = (np.flatnonzero(around.any(axis=axis)) for axis in (1, 0))
         box = np.s_[down[0] : down[-1] + 1, across[0] : across[-1] + 1]
-        x, y, colour = x[box], y[box], change[box]
-        near = np.flatnonzero(np.hypot(x, y) < reach * ball.contact_radius_px)
+        colour = change[box]
+        near = np.flatnonzero(r_px[box] < reach * ball.contact_radius_px)
         chosen = draw.choice(near, min(_PIXELS, near.size), replace=False)
         half = (np.array(change.shape[1::-1]) - 1) / 2
         across, down = np.asarray(columns / half[0] - 1), np.asarray(1 - rows / half[1])
         place = np.stack([across[box], down[box]], axis=-1).reshape(-1, 2)
         flat = colour.reshape(-1, colour.shape[-1])
-        return cls(ball.contact_radius_px, x, y, chosen, flat[chosen], place[chosen])
+        return cls(ball.contact_radius_px, view.part(box), chosen, flat[chosen], place[chosen])
+
+    def samples(self, surface: BallSurface, contact_mm: float, smoothing_px: float) -> Samples:
+        """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""
+        slope = -normals(*self.view._replace(surface=surface, contact_mm=contact_mm).gel_slopes())[..., :2]
+        if smoothing_px:  # Lambert's law is linear in normals, so these are smoothed
+            slope = gaussian_filter(slope, (smoothing_px, smoothing_px, 0))
+        slope = slope.reshape(-1, 2)[self.chosen]
+        return Samples(slope / _SLOPE, self.position, self.colour, np.ones(self.chosen.size))
 
 
 class _Scene(NamedTuple):
     """All balls, and how well the others predict the colours of each."""
 
-    views: Sequence[_View]
-    ball_radii_mm: Sequence[float]
-    mm_per_px: float
+    shown: Sequence[_Shown]
     smoothing_px: float
-    poisson: float
     label_bias: float | None
+
+    @property
+    def mm_per_px(self) -> float:
+        """Size of a pixel at the gel."""
+        return self.shown[0].view.mm_per_px
 
     @property
     def usual_radius_mm(self) -> float:
         """Radius of the balls, in the middle where they differ."""
-        return float(np.median(self.ball_radii_mm))
+        return float(np.median([each.view.surface.ball_radius_mm for each in self.shown]))
 
     @property
     def labels_mm(self) -> Array:
         """Radii of the circles read off."""
-        return self.mm_per_px * np.array([view.radius_px for view in self.views])
+        return self.mm_per_px * np.array([each.radius_px for each in self.shown])
 
     def first_radii(self, thickness_mm: float) -> Array:
         """Contact radii (mm) that all circles have with the same bias."""
@@ -265,8 +271,8 @@ class _Scene(NamedTuple):
         misfit = np.array(
             [
                 [
-                    _error(fit, self._samples(view, surface, radius / (1 + bias)))
-                    for view, surface, radius, fit in zip(self.views, surfaces, radii_mm, fits, strict=True)
+                    _error(fit, each.samples(surface, radius / (1 + bias), self.smoothing_px))
+                    for each, surface, radius, fit in zip(self.shown, surfaces, radii_mm, fits, strict=True)
                 ]
                 for bias in _NARROW
             ]
@@ -294,29 +300,14 @@ class _Scene(NamedTuple):
         self, thickness_mm: float, radii_mm: Array
     ) -> tuple[list[BallSurface], list[Samples], list[LinearMap]]:
         """Surfaces and samples of the balls, and maps from slope to colour without each ball in turn."""
-        surfaces = [BallSurface(radius, thickness_mm, self.poisson) for radius in self.ball_radii_mm]
-        samples = [self._samples(*each) for each in zip(self.views, surfaces, radii_mm, strict=True)]
+        surfaces = [replace(each.view.surface, thickness_mm=thickness_mm) for each in self.shown]
+        samples = [
+            each.samples(surface, radius, self.smoothing_px)
+            for each, surface, radius in zip(self.shown, surfaces, radii_mm, strict=True)
+        ]
         return surfaces, samples, _COLOUR.fit_without_each(samples)
-
-    def _samples(self, view: _View, surface: BallSurface, radius_mm: float) -> Samples:
-        """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""
-        p, q = ball_slopes(surface, view.x_px * self.mm_per_px, view.y_px * self.mm_per_px, radius_mm)
-        slope = -normals(p, q)[..., :2]
-        if self.smoothing_px:  # Lambert's law is linear in normals, so these are smoothed
-            slope = gaussian_filter(slope, (self.smoothing_px, self.smoothing_px, 0))
-        slope = slope.reshape(-1, 2)[view.chosen]
-        return Samples(slope / _SLOPE, view.position, view.colour, np.ones(view.chosen.size))
 
 
 def _error(fit: Predictor, samples: Samples) -> float:
     """Mean squared error of colours."""
     return float(((fit(samples.signal, samples.position) - samples.slope) ** 2).mean())
-
-
-def ball_slopes(
-    surface: BallSurface, x_mm: Array, y_mm: Array, contact_radius_mm: float
-) -> tuple[Array, Array]:
-    """Slopes p and q of a ball's surface at places from its axis (mm)."""
-    r = np.hypot(x_mm, y_mm)
-    ratio = surface.slope(r, contact_radius_mm) / np.maximum(r, 1e-9)
-    return np.asarray(ratio * x_mm), np.asarray(ratio * y_mm)

@@ -12,15 +12,13 @@ from scipy.ndimage import gaussian_filter
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_samples import (
-    Setup,
-    axis_places,
     ball_samples,
-    ball_truth,
     known_gel,
     positions,
     relative_change,
     shape_samples,
 )
+from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import blended, gradients_of, integrate, normals
@@ -39,6 +37,7 @@ from designlab.reconstruction.methods import (
     slope_gradients,
 )
 from designlab.reconstruction.pictures import check_mask
+from designlab.reconstruction.setup import Setup
 
 RIDGES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 _POSITION_SCALES = (1.4, 2.0, 2.8)  # how fast colours change with place differs from sensor to sensor
@@ -415,10 +414,10 @@ def refine_centres(
             # slopes of the height alone, which lean less on where the labels of the others have their balls
             p, q = gradients_of(shape.height_mm, pitch_mm=setup.mm_per_px)
             normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
-            near = ball_truth(ball, known, membrane)[2] < known.contact_radius_px(ball)
-            x_px, y_px = axis_places(ball, known, membrane)
-            column = ball.centre_px[0] + np.median((x_px - normal[..., 0] * reach_px)[near])
-            row = ball.centre_px[1] - np.median((y_px - normal[..., 1] * reach_px)[near])
+            view = ball_view(ball, known, membrane)
+            near = view.r_px < known.contact_radius_px(ball)
+            column = ball.centre_px[0] + np.median((view.x_px - normal[..., 0] * reach_px)[near])
+            row = ball.centre_px[1] - np.median((view.y_px - normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
         moving = moved
     return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
@@ -448,12 +447,12 @@ def left_out_of_each(
         (0.0, 0.0, 0.0) if membrane is None else (membrane.p, membrane.q, membrane.height_mm)
     )
     for ball, shape in zip(balls, shapes, strict=True):
-        p, q, r_px = ball_truth(ball, setup, membrane)
+        view = ball_view(ball, setup, membrane)
         own_p, own_q = shape.slopes
-        error_deg = normal_error_deg(normals(own_p + base_p, own_q + base_q), normals(p, q))
-        inside = r_px < ball.contact_radius_px
-        contact = r_px < setup.contact_radius_px(ball)
-        axis_mm = setup.mm_per_px * np.hypot(*axis_places(ball, setup, membrane))
+        error_deg = normal_error_deg(normals(own_p + base_p, own_q + base_q), normals(*view.ball_slopes))
+        inside = view.r_px < ball.contact_radius_px
+        contact = view.r_px < setup.contact_radius_px(ball)
+        axis_mm = setup.mm_per_px * np.hypot(view.x_px, view.y_px)
         cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
         height = (shape.height_mm - cap)[contact]
         means = error_deg[contact].mean(), error_deg[inside].mean(), height.std()

@@ -118,6 +118,10 @@ class Membrane(NamedTuple):
         """Slopes p and q at a column and row of the grid."""
         return _value_at(self.p, place_px), _value_at(self.q, place_px)
 
+    def height_at(self, place_px: tuple[float, float]) -> float:
+        """Height (mm) at a column and row of the grid."""
+        return _value_at(self.height_mm, place_px)
+
     def touched_from(self, axis_px: tuple[float, float], radius_px: float) -> tuple[float, float]:
         """Column and row of the grid where a ball touches whose axis is at a place, both in steps."""
         place = axis_px

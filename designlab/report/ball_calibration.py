@@ -8,7 +8,7 @@ import numpy as np
 from designlab.core.images import tone_map
 from designlab.core.store import write_atomic
 from designlab.inference.calibration.balls import BallCalibration
-from designlab.reconstruction.ball_samples import touched_px
+from designlab.reconstruction.ball_view import touched_px
 from designlab.report.calibration import KINDS, sentence
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import Column, Html, Lead, Section, facts, listed, page, paragraph, picture, table

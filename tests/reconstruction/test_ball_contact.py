@@ -7,10 +7,11 @@ from scipy.ndimage import gaussian_filter
 from designlab.mechanics.contact import press
 from designlab.mechanics.layer import ElasticLayer
 from designlab.reconstruction import normals
-from designlab.reconstruction.ball_samples import Setup, known_gel
+from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.lab import calibrate
+from designlab.reconstruction.setup import Setup
 from designlab.validation.synthetic.elastic_contact import ElasticBase, press_ball
 
 RADIUS_MM, PITCH_MM, POISSON = 3.0, 0.1, 0.49

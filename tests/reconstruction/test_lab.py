@@ -9,10 +9,10 @@ from rival_methods import LookupTable, Perceptron
 from designlab.core.images import read_image
 from designlab.core.metrics import normal_error_deg
 from designlab.reconstruction import gradients_of, integrate, lab, normals
-from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, smoothing_by
+from designlab.reconstruction.ball_samples import smoothing_by
 from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress, find_contact_circle
-from designlab.reconstruction.gel_fit import ball_slopes
 from designlab.reconstruction.height import READ_SHARE
 from designlab.reconstruction.lab import (
     LeftOut,
@@ -24,6 +24,7 @@ from designlab.reconstruction.lab import (
 )
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel, Polynomial
+from designlab.reconstruction.setup import Setup
 from tests import ROOT
 
 SHAPE, PITCH_MM, RADIUS_MM = (120, 140), 0.1, 3.0
@@ -58,7 +59,7 @@ def picture(p, q, noise=0.0, seed=0):
 def slopes(centre_px, contact_radius_px):
     """Slopes of the layer, inside and around a contact."""
     x, y = (COLUMNS - centre_px[0]) * PITCH_MM, (centre_px[1] - ROWS) * PITCH_MM
-    return *ball_slopes(SURFACE, x, y, contact_radius_px * PITCH_MM), np.hypot(x, y) / PITCH_MM
+    return *SURFACE.gradient(x, y, contact_radius_px * PITCH_MM), np.hypot(x, y) / PITCH_MM
 
 
 def press(centre_px, contact_radius_px=14.0, stated_px=None, **noise):
@@ -121,7 +122,7 @@ def test_gel_beyond_sight_holds_the_height_to_the_border(centre_px):
     seen[5:-5, 5:-5] = True
     wrong = picture(p + 0.2 * np.maximum(p, 0) * (r_px < 14), q)
     image = np.where(seen[..., None], wrong, 0.3 * BACKGROUND)
-    truth = SURFACE.height_mm(r_px * PITCH_MM, 13.0 * PITCH_MM)
+    truth = SURFACE.height_of(13.0 * PITCH_MM)(r_px * PITCH_MM)
 
     def error_mm(unseen):
         height = calibration.reconstruct(image, mask=seen, unseen=unseen).height_mm
@@ -152,7 +153,7 @@ def test_the_gel_is_restored_in_the_contact_and_around(thickness_mm):
 
     def gel(centre_px, contact_radius_px):
         x, y = (COLUMNS - centre_px[0]) * PITCH_MM, (centre_px[1] - ROWS) * PITCH_MM
-        return *ball_slopes(surface, x, y, contact_radius_px * PITCH_MM), np.hypot(x, y) / PITCH_MM
+        return *surface.gradient(x, y, contact_radius_px * PITCH_MM), np.hypot(x, y) / PITCH_MM
 
     balls = [BallPress(picture(*gel(centre, 14.0)[:2]), centre, 1.1 * 14.0) for centre in CENTRES]
     p, q, r_px = gel((57, 52), 13.0)
@@ -224,8 +225,8 @@ def test_slopes_on_a_dome_are_relative_to_it():
 
     def pressed(centre, radius_px):
         ball = BallPress(background, centre, radius_px)
-        p, q, r_px = ball_truth(ball, SETUP, membrane)
-        gel_p, gel_q = gel_slopes(ball, SETUP, membrane)
+        view = ball_view(ball, SETUP, membrane)
+        (p, q), r_px, (gel_p, gel_q) = view.ball_slopes, view.r_px, view.gel_slopes()
         inside = r_px < radius_px
         return np.where(inside, p, base_p + gel_p), np.where(inside, q, base_q + gel_q), r_px
 
@@ -265,7 +266,7 @@ def test_balls_of_several_sizes_teach_one_map(sizes):
     def sized(centre, radius_mm):
         surface = BallSurface(radius_mm, THICKNESS_MM, POISSON)
         x, y = (COLUMNS - centre[0]) * PITCH_MM, (centre[1] - ROWS) * PITCH_MM
-        p, q = ball_slopes(surface, x, y, 1.2)
+        p, q = surface.gradient(x, y, 1.2)
         return BallPress(picture(p, q), centre, 12.0, radius_mm)
 
     balls = [sized(centre, sizes[number % 3]) for number, centre in enumerate(CENTRES)]

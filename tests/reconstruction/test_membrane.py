@@ -6,14 +6,15 @@ import pytest
 from designlab.core.metrics import normal_error_deg
 from designlab.inference.calibration.ball_set import BallSet
 from designlab.inference.calibration.balls import calibrate_balls
-from designlab.reconstruction.ball_samples import Setup, ball_truth, gel_slopes, touched_px
 from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.ball_view import ball_view, touched_px
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import load_calibration, save_calibration
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel
 from designlab.reconstruction.reconstructor import Reconstructor
+from designlab.reconstruction.setup import Setup
 from tests.reconstruction.test_lab import TOWARD
 
 ROWS, COLUMNS, PITCH_MM = 110, 140, 0.1
@@ -103,8 +104,8 @@ def on_dome():
 
     def truth(place, contact_px):
         ball = BallPress(np.zeros((*shape, 3)), membrane.axis_of(place, BALL_MM / pitch), contact_px)
-        p, q, r_px = ball_truth(ball, setup, membrane)
-        gel = gel_slopes(ball, setup, membrane)
+        view = ball_view(ball, setup, membrane)
+        (p, q), r_px, gel = view.ball_slopes, view.r_px, view.gel_slopes()
         inside = r_px < contact_px
         slopes = [
             np.where(inside, own, base + more)

@@ -11,7 +11,7 @@ from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.ball_set import ENOUGH, BallSet
 from designlab.inference.calibration.verdict import FitVerdict
-from designlab.reconstruction.ball_samples import Setup, known_gel, smoothing_by
+from designlab.reconstruction.ball_samples import known_gel, smoothing_by
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.drift import Untouched, drift_between
@@ -25,6 +25,7 @@ from designlab.reconstruction.lab import (
     suited,
 )
 from designlab.reconstruction.methods import Kernel, Method
+from designlab.reconstruction.setup import Setup
 
 COARSE = Kernel(ridge=3e-3, colour_scale=1.5, features=300)  # moves centres once more
 NORMAL_DEG = (5.0, 10.0)  # error on balls left out: doubtful, failed

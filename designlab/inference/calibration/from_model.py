@@ -21,7 +21,6 @@ from designlab.evaluation.press_plan import PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, error_region
 from designlab.inference.calibration.balls import kept_of
 from designlab.measurement.regions import regions
-from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.height import normals
@@ -29,6 +28,7 @@ from designlab.reconstruction.lab import LabCalibration, calibrate_on_shapes
 from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Method
+from designlab.reconstruction.setup import Setup
 from designlab.sensor.camera import View
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design

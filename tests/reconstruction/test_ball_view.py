@@ -1,0 +1,131 @@
+"""What pixels see of a ball on a dome, against presses of the simulator along the dome's normal."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from designlab.core.metrics import normal_error_deg
+from designlab.mechanics.contact import press as press_layer
+from designlab.mechanics.layer import ElasticLayer
+from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.ball_view import ball_view, touched_px
+from designlab.reconstruction.balls import BallPress
+from designlab.reconstruction.height import normals
+from designlab.reconstruction.membrane import Membrane
+from designlab.reconstruction.setup import Setup
+from designlab.sensor.contact import LayerContact
+from designlab.simulation.contact.indentation import indent
+from designlab.simulation.contact.press import Press
+from geometries.elastomer import Elastomer, base_gradient, base_mm
+from geometries.probes import parse
+
+DOME_MM, THICKNESS_MM, POISSON = 30.0, 2.0, 0.49
+DOME = Elastomer(shape="dome", outline="round", width_mm=24.0, thickness_mm=THICKNESS_MM, radius_mm=DOME_MM)
+PITCH_MM, HALF = 0.05, 160
+EYE_MM = 25.0
+
+
+def membrane():
+    """The dome as a pinhole over its apex sees it, on a grid of 321 x 321 points."""
+    axis = PITCH_MM * np.arange(-HALF, HALF + 1)
+    x, y = np.meshgrid(axis, -axis)
+    height, (p, q) = base_mm(DOME, x, y), base_gradient(DOME, x, y)
+    columns, rows = np.meshgrid(np.arange(x.shape[1], dtype=float), np.arange(x.shape[0], dtype=float))
+    sight = [-each / (EYE_MM - height) for each in (x, y)]
+    whole = np.ones(x.shape, dtype=bool)
+    return Membrane(columns, rows, whole, height, p, q, *sight, PITCH_MM, x.shape), x, y
+
+
+def seen(surface, on, x, y):
+    """Slopes of the whole membrane where the ray of each pixel meets it, followed by Newton's rule."""
+    lifted = np.zeros_like(x)
+    for _ in range(40):
+        places = x + on.sight_x * lifted, y + on.sight_y * lifted
+        above = surface.sample(surface.z_mm, *places) - on.height_mm - lifted
+        lifted = lifted + 0.7 * above
+    assert np.abs(above).max() < 1e-4
+    return tuple(surface.sample(slope, *places) for slope in surface.gradient)
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize("skin_mm", [0.0, 0.15])
+@pytest.mark.parametrize(("x_mm", "y_mm"), [(0.0, 0.0), (3.0, -2.0), (-1.5, 4.5)])
+@pytest.mark.parametrize(("ball_mm", "depth_mm"), [(3.0, 0.7), (6.0, 0.5)])
+def test_a_press_along_the_normal_of_a_dome_looks_as_simulated(skin_mm, x_mm, y_mm, ball_mm, depth_mm):
+    contact = LayerContact(
+        gel="custom", modulus_mpa=0.3, poisson=POISSON, skin_length_mm=skin_mm, friction=0.0
+    )
+    press = Press(
+        probe=parse(f"sphere:{ball_mm}"), depth_mm=depth_mm, centre_mm=(x_mm, y_mm), direction="normal"
+    )
+    surface = indent(DOME, contact, press, area_mm=(20.0, 20.0), pitch_mm=0.025)
+    on, x, y = membrane()
+    truth = seen(surface, on, x, y)
+
+    bulge = round(1 / DOME_MM, 3)
+    gel = BallSurface(ball_mm / 2, THICKNESS_MM, POISSON, bulge)
+    radii = np.linspace(0.2, 0.85, 400) * ball_mm / 2
+    radius_mm = float(np.interp(depth_mm, [gel.depth_mm(each) for each in radii], radii))
+    assert surface.mechanics.contact_radius_mm == pytest.approx(radius_mm, rel=0.01)
+
+    touched = HALF + x_mm / PITCH_MM, HALF - y_mm / PITCH_MM
+    axis = on.axis_of(touched, (ball_mm / 2 - depth_mm) / PITCH_MM)
+    setup = Setup(
+        ball_mm / 2, PITCH_MM, thickness_mm=THICKNESS_MM, poisson=POISSON, label_bias=0.0, skin_mm=skin_mm
+    )
+    ball = BallPress(np.zeros((*x.shape, 3)), axis, radius_mm / PITCH_MM)
+    assert touched_px(ball, setup, on) == pytest.approx(touched, abs=0.05)
+    view = ball_view(ball, setup, on)
+    share = view.r_px * PITCH_MM / radius_mm
+    p, q = view.gel_slopes()
+    error = normal_error_deg(normals(p + on.p, q + on.q), normals(*truth))
+    # across the rim of a bare gel slopes fall within a cell of the simulator's grid
+    assert error[share < 2.5].mean() < 0.1
+    assert np.quantile(error[share < 2.5], 0.99) < (1.0 if skin_mm else 2.0)
+    if not skin_mm:
+        ball_error = normal_error_deg(normals(*view.ball_slopes), normals(*truth))
+        assert np.quantile(ball_error[share < 0.9], 0.99) < 0.5
+
+
+@pytest.mark.parametrize("bulge_per_mm", [0.0, 0.1, -0.1])
+@pytest.mark.parametrize("thickness_mm", [2.0, 6.0])
+def test_contact_on_a_bulging_layer_is_that_of_the_solver_on_a_grid(bulge_per_mm, thickness_mm):
+    radius_mm, pitch_mm, depth_mm = 3.0, 0.04, 0.6
+    y, x = np.mgrid[-75:76, -75:76] * pitch_mm
+    r = np.hypot(x, y)
+    gap = radius_mm - np.sqrt(np.maximum(radius_mm**2 - r**2, 0.0)) + bulge_per_mm * r**2 / 2
+    solved = press_layer(gap, ElasticLayer(1.0, POISSON, thickness_mm), pitch_mm=pitch_mm, depth_mm=depth_mm)
+    surface = BallSurface(radius_mm, thickness_mm, POISSON, bulge_per_mm)
+    assert surface.depth_mm(solved.contact_radius_mm) == pytest.approx(depth_mm, rel=0.02)
+    moved = solved.displacement(x.shape, (0, 0))
+    slope_y, slope_x = np.gradient(moved, pitch_mm)
+    radial = (x * slope_x + y * slope_y) / np.maximum(r, 1e-9)
+    told = surface.slope(r, solved.contact_radius_mm)
+    away = (np.abs(r / solved.contact_radius_mm - 1) > 0.1) & (r < 2.0 * solved.contact_radius_mm)
+    assert np.abs(told - radial)[away].max() < 0.02
+
+
+@pytest.mark.parametrize("bulge_per_mm", [0.02, 0.2])
+def test_a_shallow_contact_on_a_thick_layer_has_the_curvatures_added(bulge_per_mm):
+    """Hertz: the depth is the contact radius squared times the sum of both curvatures."""
+    surface = BallSurface(3.0, 300.0, POISSON, bulge_per_mm)
+    assert surface.depth_mm(0.2) == pytest.approx(0.04 * (1 / 3.0 + bulge_per_mm), rel=2e-3)
+    depth = surface.depth_mm(0.6)
+    cut = 0.6 / surface.contact_share(0.6)
+    ball = 3.0 - math.sqrt(9.0 - cut**2)
+    assert ball + bulge_per_mm * cut**2 / 2 == pytest.approx(depth)
+
+
+@pytest.mark.parametrize("contact_mm", [0.5, 1.0, 1.5])
+def test_a_coating_rounds_as_a_gaussian_in_the_plane(contact_mm):
+    pitch_mm, skin_mm = 0.02, 0.3
+    axis = pitch_mm * np.arange(-350, 351)
+    x, y = np.meshgrid(axis, axis)
+    bare, coated = (BallSurface(3.0, 2.0, POISSON, 0.03, skin_mm=skin) for skin in (0.0, skin_mm))
+    rounded = [gaussian_filter(slope, skin_mm / pitch_mm) for slope in bare.gradient(x, y, contact_mm)]
+    found = coated.gradient(x, y, contact_mm)
+    near = np.hypot(x, y) < 4.0
+    for one, other in zip(found, rounded, strict=True):
+        assert np.abs(one - other)[near].max() < 1e-3
