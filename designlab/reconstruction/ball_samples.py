@@ -59,22 +59,18 @@ def ball_samples(
     """
     background, spread, changes = _changes(balls, background, setup, membrane)
     position = positions(background.shape)
+    base_p, base_q = (0.0, 0.0) if membrane is None else (membrane.p, membrane.q)
 
     def samples(ball: BallPress, change: Array, rim: bool) -> Samples:
         view = ball_view(ball, setup, membrane)
-        p, q = view.ball_slopes
         u = (view.r_px / ball.contact_radius_px).ravel()
         if membrane is not None:
-            p, q = p - membrane.p, q - membrane.q
             u[~membrane.seen.ravel()] = np.nan
-        if not rim:
-            touched = view.r_px < setup.contact_radius_px(ball)
-            bare = view.gel_slopes(coated=False)
-            coated = view.gel_slopes() if setup.skin_mm else bare
-            p, q = (
-                np.where(touched, own, gel) + (rounded - gel)
-                for own, gel, rounded in zip((p, q), bare, coated, strict=True)
-            )
+        if rim:
+            p, q = view.ball_slopes
+            p, q = p - base_p, q - base_q
+        else:
+            p, q = view.pressed_slopes((base_p, base_q))
             if setup.smoothing_px:
                 p, q = (gaussian_filter(slope, setup.smoothing_px) for slope in (p, q))
         contact = np.flatnonzero(u < (_RIM if rim else 1.0))

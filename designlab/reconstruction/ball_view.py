@@ -72,6 +72,20 @@ class BallView(NamedTuple):
         p, q = (own - rest for own, rest in zip(pressed, self._turned(base), strict=True))
         return np.asarray(p), np.asarray(q)
 
+    def pressed_slopes(self, base: tuple[Array | float, Array | float]) -> tuple[Array, Array]:
+        """Slopes p, q of the indentation: the ball's over those of the base where it touches, gel around.
+
+        A coating rounds both. The gel takes the curvature that its base has in the middle of the contact.
+        """
+        touched = self.r_px * self.mm_per_px < self.contact_mm
+        bare = self.gel_slopes(coated=False)
+        coated = self.gel_slopes() if self.surface.skin_mm else bare
+        p, q = (
+            np.where(touched, ball - rest, gel) + (rounded - gel)
+            for ball, rest, gel, rounded in zip(self.ball_slopes, base, bare, coated, strict=True)
+        )
+        return p, q
+
     @property
     def _rise_px(self) -> Array:
         return np.asarray(self.slope[0] * self.foot_x_px + self.slope[1] * self.foot_y_px)

@@ -260,7 +260,8 @@ class LeftOut(NamedTuple):
     Attributes
     ----------
     contact_deg, circle_deg : float
-        Mean angle between normals and the ball's within the contact, and within the circle read off.
+        Mean angle between normals and those of the gel within the contact, which are the ball's unless a
+        coating rounds them; and the ball's within the circle read off.
     height_mm : float
         Root mean square error of height within the contact; the mean of each ball is free, since its
         depth is not known.
@@ -449,13 +450,15 @@ def left_out_of_each(
     for ball, shape in zip(balls, shapes, strict=True):
         view = ball_view(ball, setup, membrane)
         own_p, own_q = shape.slopes
-        error_deg = normal_error_deg(normals(own_p + base_p, own_q + base_q), normals(*view.ball_slopes))
+        found, pressed = normals(own_p + base_p, own_q + base_q), view.pressed_slopes((base_p, base_q))
+        gel_deg = normal_error_deg(found, normals(pressed[0] + base_p, pressed[1] + base_q))
+        ball_deg = normal_error_deg(found, normals(*view.ball_slopes))
         inside = view.r_px < ball.contact_radius_px
         contact = view.r_px < setup.contact_radius_px(ball)
         axis_mm = setup.mm_per_px * np.hypot(view.x_px, view.y_px)
         cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
         height = (shape.height_mm - cap)[contact]
-        means = error_deg[contact].mean(), error_deg[inside].mean(), height.std()
+        means = gel_deg[contact].mean(), ball_deg[inside].mean(), height.std()
         errors.append(LeftOut(*map(float, means)))
     return errors
 
