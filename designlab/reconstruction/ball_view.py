@@ -15,6 +15,7 @@ from designlab.reconstruction.setup import Setup
 CURVATURE_DIGITS = 3  # of 1/mm, so that balls on a dome share what is computed of their surfaces
 USUAL_THICKNESS = 1.5  # radii of the ball
 _ROUNDS = 6  # each leaves an eighth of the error
+_PLACINGS = 3  # of an axis by its circle
 
 
 class BallView(NamedTuple):
@@ -159,3 +160,30 @@ def ball_view(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -
         foot_x, foot_y = seen_x + slope[0] * over_px, seen_y + slope[1] * over_px
     axis_x, axis_y = middle[0] - ball.centre_px[0], ball.centre_px[1] - middle[1]
     return BallView(seen_x + axis_x, seen_y + axis_y, foot_x, foot_y, slope, *given)
+
+
+def placed_by_circle(
+    ball: BallPress, circle_px: tuple[float, float], setup: Setup, membrane: Membrane
+) -> BallPress:
+    """Move a ball's axis to where the rim of its contact is seen about the middle of a circle.
+
+    A camera sees the rim, which is lifted, further out than the gel below it.
+
+    Parameters
+    ----------
+    ball : BallPress
+        With a first axis; its contact radius is that of the circle.
+    circle_px : pair of float
+        Column and row of the middle of the circle on the membrane's grid.
+    setup : Setup
+        Of a known gel.
+    membrane : Membrane
+        The undeformed membrane.
+    """
+    for _ in range(_PLACINGS):
+        rows, columns = np.nonzero(ball_view(ball, setup, membrane).r_px < ball.contact_radius_px)
+        if not rows.size:
+            return ball
+        column, row = ball.centre_px
+        ball = ball.moved((column + circle_px[0] - columns.mean(), row + circle_px[1] - rows.mean()))
+    return ball

@@ -27,6 +27,7 @@ _PIXELS = 400  # a ball
 _FINE = 801  # values between those tried
 _LIKELY = 0.975  # of Student's distribution: 95 % between both ends
 _SLOPE = 0.3  # unit of slope
+_NOTHING = 1e-12  # squared colour, of a map that tells none
 _COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=240)
 
 
@@ -74,6 +75,7 @@ def fit_gel(
     the colours of that one. The contact radius of each ball is found so, at each thickness; the thickness is
     the one with the least errors, and the bias is what the circles have more than these radii, in the mean.
     Balls count by the logarithm of their squared errors, the likelihood of normal errors of unknown size.
+    Where the thickness is known, the strength of each ball's colours is free.
 
     Intervals are by the jackknife: estimates without each ball in turn, and Student's distribution. That of
     the thickness is symmetric in its inverse, in which the surface varies evenly up to a half space.
@@ -110,7 +112,7 @@ def fit_gel(
         _Shown.of(ball, change, view, reach, smoothing_px, draw)
         for ball, change, view in zip(balls, changes, views, strict=True)
     ]
-    scene = _Scene(shown, smoothing_px, label_bias)
+    scene = _Scene(shown, smoothing_px, label_bias, thickness_known=thickness_mm is not None)
     if thickness_mm is not None:
         thinness = np.array([scene.usual_radius_mm / thickness_mm])
         radii, misfit = scene.profile(thinness, scene.first_radii(thickness_mm), rounds=2)
@@ -222,6 +224,7 @@ class _Scene(NamedTuple):
     shown: Sequence[_Shown]
     smoothing_px: float
     label_bias: float | None
+    thickness_known: bool
 
     @property
     def mm_per_px(self) -> float:
@@ -271,7 +274,7 @@ class _Scene(NamedTuple):
         misfit = np.array(
             [
                 [
-                    _error(fit, each.samples(surface, radius / (1 + bias), self.smoothing_px))
+                    self._error(fit, each.samples(surface, radius / (1 + bias), self.smoothing_px))
                     for each, surface, radius, fit in zip(self.shown, surfaces, radii_mm, fits, strict=True)
                 ]
                 for bias in _NARROW
@@ -288,13 +291,13 @@ class _Scene(NamedTuple):
         for each in range(len(samples)):
             others = samples[:each] + samples[each + 1 :]
             fits = _COLOUR.solve_without_each(terms[:each] + terms[each + 1 :])
-            rows.append([_error(fit, own) for fit, own in zip(fits, others, strict=True)])
+            rows.append([self._error(fit, own) for fit, own in zip(fits, others, strict=True)])
         return np.array(rows)
 
     def _misfit(self, thickness_mm: float, radii_mm: Array) -> Array:
         """Mean squared error of the colours of each ball, as predicted by the others."""
         _, samples, fits = self._fits(thickness_mm, radii_mm)
-        return np.array([_error(fit, own) for fit, own in zip(fits, samples, strict=True)])
+        return np.array([self._error(fit, own) for fit, own in zip(fits, samples, strict=True)])
 
     def _fits(
         self, thickness_mm: float, radii_mm: Array
@@ -307,7 +310,13 @@ class _Scene(NamedTuple):
         ]
         return surfaces, samples, _COLOUR.fit_without_each(samples)
 
+    def _error(self, fit: Predictor, samples: Samples) -> float:
+        """Mean squared error of colours; whatever their strength, where the thickness is known.
 
-def _error(fit: Predictor, samples: Samples) -> float:
-    """Mean squared error of colours."""
-    return float(((fit(samples.signal, samples.position) - samples.slope) ** 2).mean())
+        Deep contacts lie nearer to the lights and darken themselves. One factor a ball takes what slope and
+        place do not tell, so that its rim decides how large it is. It would take from the thickness, too.
+        """
+        told = fit(samples.signal, samples.position)
+        if self.thickness_known:
+            told = told * (told * samples.slope).sum() / max((told**2).sum(), _NOTHING)
+        return float(((told - samples.slope) ** 2).mean())

@@ -18,7 +18,7 @@ from designlab.reconstruction.ball_samples import (
     relative_change,
     shape_samples,
 )
-from designlab.reconstruction.ball_view import ball_view
+from designlab.reconstruction.ball_view import ball_view, placed_by_circle
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import blended, gradients_of, integrate, normals
@@ -394,7 +394,9 @@ def refine_centres(
 
     A centre read off a picture is good to a pixel, which is a degree on a small ball. Each ball is
     reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
-    one read off, and so on.
+    one read off, and so on. Balls left out cannot tell that all balls shrink towards a point or shift alike,
+    since colours change with place. On a membrane whose circles show where the balls are, centres therefore
+    do not move so; see `place_by_circles`.
 
     Parameters
     ----------
@@ -420,8 +422,37 @@ def refine_centres(
             column = ball.centre_px[0] + np.median((view.x_px - normal[..., 0] * reach_px)[near])
             row = ball.centre_px[1] - np.median((view.y_px - normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
-        moving = moved
+        moving = moved if membrane is None else _without_common_moves(moving, moved)
     return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
+
+
+def _without_common_moves(before: Sequence[BallPress], after: Sequence[BallPress]) -> list[BallPress]:
+    """Balls after a move, less what of it depends linearly on their places."""
+    start = np.array([ball.centre_px for ball in before])
+    moves = np.array([ball.centre_px for ball in after]) - start
+    linear = np.column_stack([np.ones(len(start)), start])
+    own = moves - linear @ np.linalg.lstsq(linear, moves)[0]
+    return [ball.moved((float(x), float(y))) for ball, (x, y) in zip(before, start + own, strict=True)]
+
+
+def place_by_circles(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane
+) -> list[BallPress]:
+    """Place the axes of balls on a curved or nearby membrane by the circles that pictures show of them.
+
+    Parameters
+    ----------
+    balls : sequence of BallPress
+        Their centres are the axes of balls that touch the undeformed membrane in the middle of the circles.
+    background, setup, membrane
+        See `calibrate`.
+    """
+    gel = known_gel(balls, background, setup, membrane).setup
+    placed = []
+    for ball in balls:
+        circle_px = membrane.touched_from(ball.centre_px, setup.radius_px(ball))
+        placed.append(placed_by_circle(ball, circle_px, gel, membrane))
+    return placed
 
 
 def left_out_errors(

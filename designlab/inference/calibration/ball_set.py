@@ -39,6 +39,8 @@ class BallSet(NamedTuple):
         Printed markers of the gel, which the pictures are without.
     membrane : Membrane or None
         The membrane on whose grid the pictures are laid out; None where they are as they were taken.
+    circles_found : bool
+        Whether all circles were found in the pictures, none of them stated.
     """
 
     files: tuple[str, ...]
@@ -49,6 +51,7 @@ class BallSet(NamedTuple):
     notes: tuple[str, ...] = ()
     markers: Markers | None = None
     membrane: Membrane | None = None
+    circles_found: bool = False
 
 
 def load_balls(
@@ -233,7 +236,17 @@ def _set(
     scale = stage.mm_per_px
     assert scale is not None  # was asked for
     radius_mm = float(np.median([ball.radius_mm for ball in balls])) if balls else 0.0
-    return BallSet(files, balls, stage.background, radius_mm, scale, notes, stage.markers, stage.membrane)
+    return BallSet(
+        files,
+        balls,
+        stage.background,
+        radius_mm,
+        scale,
+        notes,
+        stage.markers,
+        stage.membrane,
+        circles_found=stage.looked_for == len(balls),
+    )
 
 
 def _found(path: Path, image: Array, background: Array) -> BallPress:

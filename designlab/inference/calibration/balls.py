@@ -21,6 +21,7 @@ from designlab.reconstruction.lab import (
     LeftOut,
     calibrate,
     left_out_of_each,
+    place_by_circles,
     refine_centres,
     suited,
 )
@@ -124,9 +125,13 @@ def calibrate_balls(
     if poisson is not None:
         setup = setup._replace(poisson=poisson)
     work.begin("centres of the balls")
-    membrane = balls.membrane
-    refined = refine_centres(balls.balls, balls.background, setup, membrane=membrane)
-    refined = refine_centres(refined, balls.background, setup, method=COARSE, rounds=2, membrane=membrane)
+    refined, membrane = balls.balls, balls.membrane
+    if membrane is not None:
+        refined = place_by_circles(refined, balls.background, setup, membrane)
+    if membrane is None or not balls.circles_found:
+        # circles that are found lie within a third of a pixel of where geometry has them: nothing to refine
+        refined = refine_centres(refined, balls.background, setup, membrane=membrane)
+        refined = refine_centres(refined, balls.background, setup, method=COARSE, rounds=2, membrane=membrane)
     work.step(parts["centres of the balls"])
     work.begin("gel")
     known, setup, gel = known_gel(refined, balls.background, setup, membrane)
