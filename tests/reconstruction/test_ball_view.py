@@ -10,7 +10,7 @@ from designlab.core.metrics import normal_error_deg
 from designlab.mechanics.contact import press as press_layer
 from designlab.mechanics.layer import ElasticLayer
 from designlab.reconstruction.ball_surface import BallSurface
-from designlab.reconstruction.ball_view import ball_view, touched_px
+from designlab.reconstruction.ball_view import ball_view, placed_by_circle, touched_px
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.membrane import Membrane
@@ -38,14 +38,20 @@ def membrane():
     return Membrane(columns, rows, whole, height, p, q, *sight, PITCH_MM, x.shape), x, y
 
 
-def seen(surface, on, x, y):
-    """Slopes of the whole membrane where the ray of each pixel meets it, followed by Newton's rule."""
+def met(surface, on, x, y):
+    """Places where the ray of each pixel meets the membrane."""
     lifted = np.zeros_like(x)
     for _ in range(40):
         places = x + on.sight_x * lifted, y + on.sight_y * lifted
         above = surface.sample(surface.z_mm, *places) - on.height_mm - lifted
         lifted = lifted + 0.7 * above
     assert np.abs(above).max() < 1e-4
+    return places
+
+
+def seen(surface, on, x, y):
+    """Slopes of the whole membrane that pixels see."""
+    places = met(surface, on, x, y)
     return tuple(surface.sample(slope, *places) for slope in surface.gradient)
 
 
@@ -87,6 +93,27 @@ def test_a_press_along_the_normal_of_a_dome_looks_as_simulated(skin_mm, x_mm, y_
     if not skin_mm:
         ball_error = normal_error_deg(normals(*view.ball_slopes), normals(*truth))
         assert np.quantile(ball_error[share < 0.9], 0.99) < 0.5
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(("x_mm", "y_mm"), [(0.5, 0.0), (3.0, -2.0), (-1.5, 4.5)])
+def test_a_ball_is_placed_by_where_its_contact_is_seen(x_mm, y_mm):
+    """The rim is seen further out than where it lies; pixels that see the simulated contact show it."""
+    contact = LayerContact(gel="custom", modulus_mpa=0.3, poisson=POISSON, skin_length_mm=0.0, friction=0.0)
+    press = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(x_mm, y_mm), direction="normal")
+    surface = indent(DOME, contact, press, area_mm=(20.0, 20.0), pitch_mm=0.025)
+    on, x, y = membrane()
+    rows, columns = np.nonzero(surface.sample(surface.contact.astype(float), *met(surface, on, x, y)) > 0.5)
+    circle = float(columns.mean()), float(rows.mean())
+    touched = HALF + x_mm / PITCH_MM, HALF - y_mm / PITCH_MM
+    axis = np.array(on.axis_of(touched, (2.0 - 0.6) / PITCH_MM))
+    radius_px = surface.mechanics.contact_radius_mm / PITCH_MM
+    setup = Setup(2.0, PITCH_MM, thickness_mm=THICKNESS_MM, poisson=POISSON, label_bias=0.0)
+    first = BallPress(np.zeros((*x.shape, 3)), on.axis_of(circle, 2.0 / PITCH_MM), radius_px)
+    placed = placed_by_circle(first, circle, setup, on)
+    off, before = (np.hypot(*(np.array(ball.centre_px) - axis)) for ball in (placed, first))
+    assert off < 0.3
+    assert before > 2 * off or math.hypot(x_mm, y_mm) < 1.0
 
 
 @pytest.mark.parametrize("bulge_per_mm", [0.0, 0.1, -0.1])
