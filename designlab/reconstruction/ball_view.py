@@ -180,10 +180,14 @@ def placed_by_circle(
     membrane : Membrane
         The undeformed membrane.
     """
+    rows, columns = (np.asarray(axis) for axis in np.indices(membrane.seen.shape))
+    # of circles that the border cuts, the parts within it are compared
+    circle = membrane.seen & (np.hypot(columns - circle_px[0], rows - circle_px[1]) < ball.contact_radius_px)
     for _ in range(_PLACINGS):
-        rows, columns = np.nonzero(ball_view(ball, setup, membrane).r_px < ball.contact_radius_px)
-        if not rows.size:
-            return ball
-        column, row = ball.centre_px
-        ball = ball.moved((column + circle_px[0] - columns.mean(), row + circle_px[1] - rows.mean()))
+        shown = membrane.seen & (ball_view(ball, setup, membrane).r_px < ball.contact_radius_px)
+        if not (circle.any() and shown.any()):
+            return ball  # beside the gel, which `lab.calibrate` refuses by name
+        right = float(columns[circle].mean() - columns[shown].mean())
+        down = float(rows[circle].mean() - rows[shown].mean())
+        ball = ball.moved((ball.centre_px[0] + right, ball.centre_px[1] + down))
     return ball

@@ -116,6 +116,20 @@ def test_a_ball_is_placed_by_where_its_contact_is_seen(x_mm, y_mm):
     assert before > 2 * off or math.hypot(x_mm, y_mm) < 1.0
 
 
+def test_a_circle_that_the_border_cuts_places_its_ball_as_well():
+    """The picture ends within the contact; what is left of it must not draw the ball inwards."""
+    on, x, _ = membrane()
+    setup = Setup(2.0, PITCH_MM, thickness_mm=THICKNESS_MM, poisson=POISSON, label_bias=0.0)
+    axis = (HALF + 40.0, HALF - 20.0)
+    ball = BallPress(np.zeros((*x.shape, 3)), axis, 24.0)
+    rows, columns = np.nonzero(ball_view(ball, setup, on).r_px < 24.0)
+    circle = float(columns.mean()), float(rows.mean())
+    first = ball.moved(on.axis_of(circle, 2.0 / PITCH_MM))
+    cut = on._replace(seen=np.broadcast_to(np.arange(x.shape[1]) < axis[0] + 8.0, x.shape))
+    for each in (on, cut):
+        assert np.hypot(*np.subtract(placed_by_circle(first, circle, setup, each).centre_px, axis)) < 0.3
+
+
 @pytest.mark.parametrize("bulge_per_mm", [0.0, 0.1, -0.1])
 @pytest.mark.parametrize("thickness_mm", [2.0, 6.0])
 def test_contact_on_a_bulging_layer_is_that_of_the_solver_on_a_grid(bulge_per_mm, thickness_mm):
