@@ -45,8 +45,8 @@ class BallSurface:
     poisson : float
         Poisson's ratio of the layer.
     bulge_per_mm : float
-        Mean curvature of the untouched layer, positive for a dome (1/mm). Heights and slopes are then of the
-        indentation alone.
+        Mean curvature of the untouched layer, positive for a dome (1/mm), which falls away from the camera;
+        a hollow must be wider than the ball. Heights and slopes are of the indentation alone.
     skin_mm : float
         How far a coating rounds the indentation (standard deviation of a Gaussian), see `slope`.
     """
@@ -56,6 +56,14 @@ class BallSurface:
     poisson: float
     bulge_per_mm: float = 0.0
     skin_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a hollow in which the ball would touch at a ring."""
+        if 1 + self.bulge_per_mm * self.ball_radius_mm <= 0:
+            raise ValueError(
+                f"bulge_per_mm: the gel's hollow must be wider than the ball of "
+                f"{2 * self.ball_radius_mm:g} mm, got a radius of {-1 / self.bulge_per_mm:.3g} mm"
+            )
 
     def depth_mm(self, contact_radius_mm: float) -> float:
         """Depth at which the ball touches the layer within a circle of this radius (mm)."""
@@ -129,8 +137,10 @@ def _rounded(distance: Array, slope: Array, sigma: float) -> Array:
     step = np.gradient(distance)
     step[[0, -1]] /= 2
     apart = np.subtract.outer(distance, distance) / sigma
-    kernel = np.exp(-(apart**2) / 2) * i1e(np.outer(distance, distance) / sigma**2)
-    return np.asarray(kernel @ (slope * distance * step) / sigma**2)
+    weight = np.exp(-(apart**2) / 2) * i1e(np.outer(distance, distance) / sigma**2) * distance * step
+    # A Gaussian leaves slopes in proportion to the distance as they are, also one thinner than a step.
+    kept = weight @ distance
+    return np.asarray(weight @ slope * distance / np.where(kept > 0, kept, 1.0))
 
 
 @lru_cache(maxsize=64)

@@ -316,7 +316,7 @@ class _Scene(NamedTuple):
         Deep contacts lie nearer to the lights and darken themselves. One factor a ball takes what slope and
         place do not tell, so that its rim decides how large it is. It would take from the thickness, too.
         """
-        told = fit(samples.signal, samples.position)
+        told, colour = fit(samples.signal, samples.position), samples.slope  # what the map looks for
         if self.thickness_known:
-            told = told * (told * samples.slope).sum() / max((told**2).sum(), _NOTHING)
-        return float(((told - samples.slope) ** 2).mean())
+            told = told * max((told * colour).sum(), 0.0) / max((told**2).sum(), _NOTHING)
+        return float(((told - colour) ** 2).mean())

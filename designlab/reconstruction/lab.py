@@ -263,8 +263,8 @@ class LeftOut(NamedTuple):
         Mean angle between normals and those of the gel within the contact, which are the ball's unless a
         coating rounds them; and the ball's within the circle read off.
     height_mm : float
-        Root mean square error of height within the contact; the mean of each ball is free, since its
-        depth is not known.
+        Root mean square error of height within the contact against the bare ball; the mean of each ball is
+        free, since its depth is not known.
     """
 
     contact_deg: float
@@ -396,7 +396,7 @@ def refine_centres(
     reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
     one read off, and so on. Balls left out cannot tell that all balls shrink towards a point or shift alike,
     since colours change with place. On a membrane whose circles show where the balls are, centres therefore
-    do not move so; see `place_by_circles`.
+    do not move so; see `place_by_circles`. Of few balls that leaves little: of four, a fifth of the moves.
 
     Parameters
     ----------
@@ -419,14 +419,18 @@ def refine_centres(
             normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
             view = ball_view(ball, known, membrane)
             near = view.r_px < known.contact_radius_px(ball)
+            near &= True if membrane is None else membrane.seen
+            if not near.any():
+                moved.append(ball)
+                continue
             column = ball.centre_px[0] + np.median((view.x_px - normal[..., 0] * reach_px)[near])
             row = ball.centre_px[1] - np.median((view.y_px - normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
-        moving = moved if membrane is None else _without_common_moves(moving, moved)
+        moving = moved if membrane is None else without_common_moves(moving, moved)
     return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
 
 
-def _without_common_moves(before: Sequence[BallPress], after: Sequence[BallPress]) -> list[BallPress]:
+def without_common_moves(before: Sequence[BallPress], after: Sequence[BallPress]) -> list[BallPress]:
     """Balls after a move, less what of it depends linearly on their places."""
     start = np.array([ball.centre_px for ball in before])
     moves = np.array([ball.centre_px for ball in after]) - start
@@ -439,6 +443,8 @@ def place_by_circles(
     balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane
 ) -> list[BallPress]:
     """Place the axes of balls on a curved or nearby membrane by the circles that pictures show of them.
+
+    What is not known of the gel is fitted with the axes as they are.
 
     Parameters
     ----------

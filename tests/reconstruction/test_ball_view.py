@@ -13,6 +13,7 @@ from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view, placed_by_circle, touched_px
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import normals
+from designlab.reconstruction.lab import without_common_moves
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.setup import Setup
 from designlab.sensor.contact import LayerContact
@@ -170,3 +171,33 @@ def test_a_coating_rounds_as_a_gaussian_in_the_plane(contact_mm):
     near = np.hypot(x, y) < 4.0
     for one, other in zip(found, rounded, strict=True):
         assert np.abs(one - other)[near].max() < 1e-3
+
+
+@pytest.mark.parametrize("skin_mm", [0.001, 0.005, 0.02])
+def test_a_thin_coating_changes_little(skin_mm):
+    """Also one that is thinner than the steps in which the surface is known."""
+    r = np.linspace(0.0, 5.0, 300)
+    bare, coated = (BallSurface(3.0, 2.0, POISSON, 0.03, skin_mm=skin) for skin in (0.0, skin_mm))
+    off = np.abs(coated.slope(r, 1.5) - bare.slope(r, 1.5))
+    assert off[r < 1.4].max() < 2e-3
+    assert off.max() < 0.1  # at the rim, where slopes of a bare gel fall by a root of the distance
+
+
+def test_a_hollow_tighter_than_the_ball_is_refused():
+    with pytest.raises(ValueError, match="hollow must be wider than the ball of 6 mm"):
+        BallSurface(3.0, 2.0, POISSON, -0.35)
+
+
+def test_moves_that_all_balls_share_are_taken_off():
+    draw = np.random.default_rng(2)
+    start = draw.uniform(0, 100, (12, 2))
+    linear = np.column_stack([np.ones(12), start])
+    own = draw.normal(size=(12, 2))
+    own -= linear @ np.linalg.lstsq(linear, own)[0]
+    before = [BallPress(np.zeros((2, 2, 3)), tuple(place), 5.0) for place in start]
+    after = [
+        ball.moved(tuple(0.98 * place + 1.5 + extra))
+        for ball, place, extra in zip(before, start, own, strict=True)
+    ]
+    found = [ball.centre_px for ball in without_common_moves(before, after)]
+    np.testing.assert_allclose(found, start + own, atol=1e-9)

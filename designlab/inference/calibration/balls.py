@@ -129,7 +129,7 @@ def calibrate_balls(
     if membrane is not None:
         refined = place_by_circles(refined, balls.background, setup, membrane)
     if membrane is None or not balls.circles_found:
-        # circles that are found lie within a third of a pixel of where geometry has them: nothing to refine
+        # circles that are found err less than what refining leaves, see docs/decisions.md
         refined = refine_centres(refined, balls.background, setup, membrane=membrane)
         refined = refine_centres(refined, balls.background, setup, method=COARSE, rounds=2, membrane=membrane)
     work.step(parts["centres of the balls"])
