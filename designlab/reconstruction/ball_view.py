@@ -88,6 +88,13 @@ class BallView(NamedTuple):
         return p, q
 
     @property
+    def coating_mm(self) -> Array:
+        """How much higher the gel stands than without its coating; lower where that rounds a crest."""
+        bare, r_mm = replace(self.surface, skin_mm=0.0), self.mm_per_px * self.r_px
+        with_it, without = (each.height_of(self.contact_mm)(r_mm) for each in (self.surface, bare))
+        return np.asarray(with_it - without)
+
+    @property
     def _rise_px(self) -> Array:
         return np.asarray(self.slope[0] * self.foot_x_px + self.slope[1] * self.foot_y_px)
 

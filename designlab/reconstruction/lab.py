@@ -263,8 +263,8 @@ class LeftOut(NamedTuple):
         Mean angle between normals and those of the gel within the contact, which are the ball's unless a
         coating rounds them; and the ball's within the circle read off.
     height_mm : float
-        Root mean square error of height within the contact against the bare ball; the mean of each ball is
-        free, since its depth is not known.
+        Root mean square error of the gel's height within the contact; the mean of each ball is free, since
+        its depth is not known.
     """
 
     contact_deg: float
@@ -419,7 +419,8 @@ def refine_centres(
             normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
             view = ball_view(ball, known, membrane)
             near = view.r_px < known.contact_radius_px(ball)
-            near &= True if membrane is None else membrane.seen
+            if membrane is not None:
+                near &= membrane.seen
             if not near.any():
                 moved.append(ball)
                 continue
@@ -494,7 +495,7 @@ def left_out_of_each(
         contact = view.r_px < setup.contact_radius_px(ball)
         axis_mm = setup.mm_per_px * np.hypot(view.x_px, view.y_px)
         cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
-        height = (shape.height_mm - cap)[contact]
+        height = (shape.height_mm - cap - view.coating_mm)[contact]
         means = gel_deg[contact].mean(), ball_deg[inside].mean(), height.std()
         errors.append(LeftOut(*map(float, means)))
     return errors
