@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from designlab.core.metrics import normal_error_deg
-from designlab.inference.calibration.ball_set import BallSet
+from designlab.inference.calibration.ball_set import BallSet, _on_grid
 from designlab.inference.calibration.balls import calibrate_balls
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view, touched_px
@@ -57,6 +57,36 @@ def test_a_picture_is_laid_where_it_belongs(name, dome_mm):
     if np.isfinite(dome_mm):
         exact = dome_mm - np.sqrt(dome_mm**2 - x**2 - y**2)
         assert np.abs(membrane.height_mm - exact)[inner].max() < 0.002
+
+
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("centre_px", [(70.0, 55.0), (40.0, 70.0), (2.0, 60.0), (100.0, 107.0)])
+def test_a_circle_that_was_stated_lies_where_the_picture_shows_it(name, centre_px):
+    """Also one whose greater part lies beyond the border: its middle and size are those of the whole."""
+    membrane = Membrane.of(*seen(LENSES[name], 20.0))
+    (column, row), radius = _on_grid(membrane, centre_px, 9.0)
+    x, y = LENSES[name](
+        (centre_px[0] - (COLUMNS - 1) / 2) * PITCH_MM, ((ROWS - 1) / 2 - centre_px[1]) * PITCH_MM
+    )
+    # what the middle of the grid shows gives its origin
+    height, width = membrane.columns.shape
+    places = [membrane.laid_out(each) for each in seen(LENSES[name], 20.0)[0]]
+    left = places[0][height // 2, width // 2] - width // 2 * membrane.mm_per_px
+    top = places[1][height // 2, width // 2] + height // 2 * membrane.mm_per_px
+    assert left + column * membrane.mm_per_px == pytest.approx(x, abs=0.05)
+    assert top - row * membrane.mm_per_px == pytest.approx(y, abs=0.05)
+    step = 0.5
+    corners = np.array([[step, 0.0], [0.0, step]])
+    around = [
+        LENSES[name](
+            (centre_px[0] + right - (COLUMNS - 1) / 2) * PITCH_MM,
+            ((ROWS - 1) / 2 - centre_px[1] - down) * PITCH_MM,
+        )
+        for right, down in (*corners, *-corners)
+    ]
+    across, along, back_x, back_y = map(np.array, around)
+    area = abs(np.linalg.det([across - back_x, along - back_y])) / (2 * step) ** 2
+    assert radius * membrane.mm_per_px == pytest.approx(9.0 * np.sqrt(area), rel=0.03)
 
 
 @pytest.mark.parametrize(("dome_mm", "x_mm"), [(20.0, 2.0), (35.0, -3.0), (12.0, 1.0)])

@@ -1,6 +1,7 @@
 """Pictures of ball presses, from a folder or a measurement, on the membrane of a design if one is given."""
 
 import csv
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from designlab.reconstruction.membrane import Membrane
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".npy", ".bmp", ".webp")
 FEWEST, ENOUGH = 4, 8  # balls
+_FEWEST_POINTS = 10  # of a circle on the gel
 MOST_SEEN = 0.85  # of the ball's radius, that a circle which was found is taken to have
 
 
@@ -139,12 +141,22 @@ class _Stage:
 def _on_grid(
     membrane: Membrane, centre_px: tuple[float, float], radius_px: float
 ) -> tuple[tuple[float, float], float]:
-    """A circle of the picture on the grid of a membrane: its middle, and the radius of its area."""
+    """A circle of the picture on the grid of a membrane: its middle, and the radius of its area.
+
+    Within the circle the picture is taken for an even one, shifted, turned and stretched; so a circle that
+    the border cuts keeps its middle and its size.
+    """
     away = np.hypot(membrane.columns - centre_px[0], membrane.rows - centre_px[1])
-    rows, columns = np.nonzero(membrane.seen & (away < radius_px))
-    if not rows.size:
+    inside = membrane.seen & (away < radius_px)
+    rows, columns = np.nonzero(inside)
+    if rows.size < _FEWEST_POINTS or min(np.ptp(rows), np.ptp(columns)) == 0:
         return (-1.0, -1.0), radius_px  # beside the gel, which `lab.calibrate` refuses by name
-    return (float(columns.mean()), float(rows.mean())), float(np.sqrt(rows.size / np.pi))
+    seen = np.column_stack([membrane.columns[inside], membrane.rows[inside]]) - centre_px
+    places = np.column_stack([np.ones(rows.size), columns, rows])
+    shift, *stretch = np.linalg.lstsq(places, seen)[0]
+    middle = np.linalg.solve(np.transpose(stretch), -shift)
+    radius = radius_px / math.sqrt(abs(np.linalg.det(stretch)))
+    return (float(middle[0]), float(middle[1])), radius
 
 
 def _of_measurement(
