@@ -32,7 +32,9 @@ from designlab.reconstruction import normals
 from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, ball_gradients
-from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
+from designlab.reconstruction.centres import refine_centres
+from designlab.reconstruction.lab import LabCalibration, calibrate
+from designlab.reconstruction.left_out import LeftOut, left_out_errors
 from designlab.reconstruction.methods import Kernel, Method, Polynomial
 from designlab.reconstruction.setup import Setup
 

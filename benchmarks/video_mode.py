@@ -34,7 +34,8 @@ from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
-from designlab.reconstruction.lab import calibrations_without_each, refine_centres
+from designlab.reconstruction.centres import refine_centres
+from designlab.reconstruction.lab import calibrations_without_each
 from designlab.reconstruction.markers import Markers, without
 from designlab.reconstruction.reconstructor import Mode, Reconstructor
 from designlab.reconstruction.setup import Setup

@@ -15,7 +15,6 @@ from designlab.reconstruction.setup import Setup
 CURVATURE_DIGITS = 3  # of 1/mm, so that balls on a dome share what is computed of their surfaces
 USUAL_THICKNESS = 1.5  # radii of the ball
 _ROUNDS = 6  # each leaves an eighth of the error, on a dome of 35 mm seen from 41 mm
-_PLACINGS = 3  # of an axis by its circle
 
 
 class BallView(NamedTuple):
@@ -167,34 +166,3 @@ def ball_view(ball: BallPress, setup: Setup, membrane: Membrane | None = None) -
         foot_x, foot_y = seen_x + slope[0] * over_px, seen_y + slope[1] * over_px
     axis_x, axis_y = middle[0] - ball.centre_px[0], ball.centre_px[1] - middle[1]
     return BallView(seen_x + axis_x, seen_y + axis_y, foot_x, foot_y, slope, *given)
-
-
-def placed_by_circle(
-    ball: BallPress, circle_px: tuple[float, float], setup: Setup, membrane: Membrane
-) -> BallPress:
-    """Move a ball's axis to where the rim of its contact is seen about the middle of a circle.
-
-    A camera sees the rim, which is lifted, further out than the gel below it.
-
-    Parameters
-    ----------
-    ball : BallPress
-        With a first axis; its contact radius is that of the circle.
-    circle_px : pair of float
-        Column and row of the middle of the circle on the membrane's grid.
-    setup : Setup
-        Of a known gel.
-    membrane : Membrane
-        The undeformed membrane.
-    """
-    rows, columns = (np.asarray(axis) for axis in np.indices(membrane.seen.shape))
-    # of circles that the border cuts, the parts within it are compared
-    circle = membrane.seen & (np.hypot(columns - circle_px[0], rows - circle_px[1]) < ball.contact_radius_px)
-    for _ in range(_PLACINGS):
-        shown = membrane.seen & (ball_view(ball, setup, membrane).r_px < ball.contact_radius_px)
-        if not (circle.any() and shown.any()):
-            return ball  # beside the gel, which `lab.calibrate` refuses by name
-        right = float(columns[circle].mean() - columns[shown].mean())
-        down = float(rows[circle].mean() - rows[shown].mean())
-        ball = ball.moved((ball.centre_px[0] + right, ball.centre_px[1] + down))
-    return ball

@@ -76,7 +76,7 @@ def find_contact_circle(
     The membrane is steepest at the rim of the contact and flattens beyond it. In each direction from the
     centre the place is found where the change of colour falls off fastest; a circle is fitted to these
     places, outliers counting little; its centre is the next start.
-    `lab.refine_centres` then makes centres more exact.
+    `centres.refine_centres` then makes centres more exact.
 
     Parameters
     ----------

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
-from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_samples import (
     ball_samples,
@@ -18,10 +17,9 @@ from designlab.reconstruction.ball_samples import (
     relative_change,
     shape_samples,
 )
-from designlab.reconstruction.ball_view import ball_view, placed_by_circle
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
-from designlab.reconstruction.height import blended, gradients_of, integrate, normals
+from designlab.reconstruction.height import blended, integrate, normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import (
     ErrorMap,
@@ -29,7 +27,6 @@ from designlab.reconstruction.methods import (
     Kernel,
     LinearMap,
     Method,
-    Polynomial,
     Predictor,
     Samples,
     expected_error,
@@ -39,8 +36,6 @@ from designlab.reconstruction.methods import (
 from designlab.reconstruction.pictures import check_mask
 from designlab.reconstruction.setup import Setup
 
-RIDGES = (3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
-_POSITION_SCALES = (1.4, 2.0, 2.8)  # how fast colours change with place differs from sensor to sensor
 _UNSEEN = 1e-2  # weight of gel beyond the camera's sight
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
@@ -254,33 +249,6 @@ class LabCalibration:
         return change.reshape(-1, self.background.shape[-1])
 
 
-class LeftOut(NamedTuple):
-    """Errors on balls that were left out of the calibration in turn, means over the balls.
-
-    Attributes
-    ----------
-    contact_deg, circle_deg : float
-        Mean angle between normals and those of the gel within the contact, which are the ball's unless a
-        coating rounds them; and the ball's within the circle read off.
-    height_mm : float
-        Root mean square error of the gel's height within the contact; the mean of each ball is free, since
-        its depth is not known.
-    """
-
-    contact_deg: float
-    circle_deg: float
-    height_mm: float
-
-    @property
-    def combined(self) -> float:
-        """Product of `circle_deg` and `height_mm`, by which `choose_method` chooses.
-
-        What brings normals nearer to the ball where the membrane is about to leave it makes the contact too
-        high. A product weighs relative gains in either alike, with no unit and no weight to choose.
-        """
-        return self.circle_deg * self.height_mm
-
-
 def calibrate(
     balls: Sequence[BallPress],
     background: ArrayLike,
@@ -379,197 +347,6 @@ def _assembled(
 def _predicted(fits: Sequence[Predictor], presses: Sequence[Samples]) -> list[Array]:
     """Slopes of each press by its own fit."""
     return [fit(press.signal, press.position) for fit, press in zip(fits, presses, strict=True)]
-
-
-def refine_centres(
-    balls: Sequence[BallPress],
-    background: ArrayLike,
-    setup: Setup,
-    *,
-    method: Method | None = None,
-    rounds: int = 4,
-    membrane: Membrane | None = None,
-) -> list[BallPress]:
-    """Move each ball's centre to where its own reconstructed normals meet.
-
-    A centre read off a picture is good to a pixel, which is a degree on a small ball. Each ball is
-    reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
-    one read off, and so on. Balls left out cannot tell that all balls shrink towards a point or shift alike,
-    since colours change with place. On a membrane whose circles show where the balls are, centres therefore
-    do not move so; see `place_by_circles`. Of few balls that leaves little: of four, a fifth of the moves.
-
-    Parameters
-    ----------
-    balls, background, setup, membrane
-        See `calibrate`.
-    method : Method, optional
-        See `methods`; `Polynomial()` when absent, which is quick.
-    rounds : int
-        Times that all balls are moved.
-    """
-    method = method or Polynomial()
-    moving, known, _ = known_gel(balls, background, setup, membrane)
-    plain = known._replace(detail=0.0, weighted=False)
-    base_p, base_q = (0.0, 0.0) if membrane is None else (membrane.p, membrane.q)
-    for _ in range(rounds):
-        moved = []
-        for ball, shape in zip(moving, _left_out(moving, background, plain, method, membrane), strict=True):
-            # slopes of the height alone, which lean less on where the labels of the others have their balls
-            p, q = gradients_of(shape.height_mm, pitch_mm=setup.mm_per_px)
-            normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
-            view = ball_view(ball, known, membrane)
-            near = view.r_px < known.contact_radius_px(ball)
-            if membrane is not None:
-                near &= membrane.seen
-            if not near.any():
-                moved.append(ball)
-                continue
-            column = ball.centre_px[0] + np.median((view.x_px - normal[..., 0] * reach_px)[near])
-            row = ball.centre_px[1] - np.median((view.y_px - normal[..., 1] * reach_px)[near])
-            moved.append(ball.moved((float(column), float(row))))
-        moving = moved if membrane is None else without_common_moves(moving, moved)
-    return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
-
-
-def without_common_moves(before: Sequence[BallPress], after: Sequence[BallPress]) -> list[BallPress]:
-    """Balls after a move, less what of it depends linearly on their places."""
-    start = np.array([ball.centre_px for ball in before])
-    moves = np.array([ball.centre_px for ball in after]) - start
-    linear = np.column_stack([np.ones(len(start)), start])
-    own = moves - linear @ np.linalg.lstsq(linear, moves)[0]
-    return [ball.moved((float(x), float(y))) for ball, (x, y) in zip(before, start + own, strict=True)]
-
-
-def place_by_circles(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, membrane: Membrane
-) -> list[BallPress]:
-    """Place the axes of balls on a curved or nearby membrane by the circles that pictures show of them.
-
-    What is not known of the gel is fitted with the axes as they are.
-
-    Parameters
-    ----------
-    balls : sequence of BallPress
-        Their centres are the axes of balls that touch the undeformed membrane in the middle of the circles.
-    background, setup, membrane
-        See `calibrate`.
-    """
-    gel = known_gel(balls, background, setup, membrane).setup
-    placed = []
-    for ball in balls:
-        circle_px = membrane.touched_from(ball.centre_px, setup.radius_px(ball))
-        placed.append(placed_by_circle(ball, circle_px, gel, membrane))
-    return placed
-
-
-def left_out_errors(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
-) -> LeftOut:
-    """Errors on balls of a calibration on the others, means over the balls. Parameters as `calibrate`."""
-    errors = left_out_of_each(balls, background, setup, method=method)
-    return LeftOut(*(float(mean) for mean in np.mean(errors, axis=0)))
-
-
-def left_out_of_each(
-    balls: Sequence[BallPress],
-    background: ArrayLike,
-    setup: Setup,
-    *,
-    method: Method | None = None,
-    membrane: Membrane | None = None,
-) -> list[LeftOut]:
-    """Errors on each ball of a calibration on the others. Parameters as `calibrate`."""
-    errors = []
-    balls, setup, _ = known_gel(balls, background, setup, membrane)
-    shapes = _left_out(balls, background, setup, method or Kernel(), membrane)
-    base_p, base_q, base_mm = (
-        (0.0, 0.0, 0.0) if membrane is None else (membrane.p, membrane.q, membrane.height_mm)
-    )
-    for ball, shape in zip(balls, shapes, strict=True):
-        view = ball_view(ball, setup, membrane)
-        own_p, own_q = shape.slopes
-        found, pressed = normals(own_p + base_p, own_q + base_q), view.pressed_slopes((base_p, base_q))
-        gel_deg = normal_error_deg(found, normals(pressed[0] + base_p, pressed[1] + base_q))
-        ball_deg = normal_error_deg(found, normals(*view.ball_slopes))
-        inside = view.r_px < ball.contact_radius_px
-        contact = view.r_px < setup.contact_radius_px(ball)
-        axis_mm = setup.mm_per_px * np.hypot(view.x_px, view.y_px)
-        cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
-        height = (shape.height_mm - cap - view.coating_mm)[contact]
-        means = gel_deg[contact].mean(), ball_deg[inside].mean(), height.std()
-        errors.append(LeftOut(*map(float, means)))
-    return errors
-
-
-def choose_method(
-    balls: Sequence[BallPress],
-    background: ArrayLike,
-    setup: Setup,
-    methods: Sequence[Method] = (Polynomial(), Polynomial(position_degrees=(2, 2, 2, 1)), Kernel()),
-) -> tuple[Method, list[tuple[Method, LeftOut]]]:
-    """The method with the least `LeftOut.combined` error on balls left out, and all errors.
-
-    Parameters
-    ----------
-    balls, background, setup
-        See `calibrate`.
-    methods : sequence of Method
-        Candidates.
-    """
-    if not methods:
-        raise ValueError("methods: must hold a candidate")
-    balls, setup, _ = known_gel(balls, background, setup)
-    table = [(method, left_out_errors(balls, background, setup, method=method)) for method in methods]
-    return min(table, key=lambda row: row[1].combined)[0], table
-
-
-def suited(
-    balls: Sequence[BallPress],
-    background: ArrayLike,
-    setup: Setup,
-    *,
-    membrane: Membrane | None = None,
-    ridges: Sequence[float] = RIDGES,
-) -> tuple[Setup, Kernel]:
-    """What changes of colour are best a share of, and the kernel's ridge and scale of place.
-
-    All err least on balls left out: by the mean angle to the surface of the gel at the pixels that teach it,
-    on a gel that is known.
-    Parameters as `calibrate`, and the ridges to try.
-    """
-    tried: list[tuple[float, Setup, Kernel]] = []
-    choices: tuple[Setup, ...] = (setup, setup._replace(relative_to="place"))
-    for relative in choices:
-        presses = ball_samples(balls, background, relative._replace(detail=0.0), membrane)[2][0]
-        for scale in _POSITION_SCALES:
-            kernels = [Kernel(ridge=ridge, position_scale=scale) for ridge in ridges]
-            parts = [kernels[0].normal(press) for press in presses]
-            for kernel in kernels:
-                predictors = kernel.solve_without_each(parts)
-                tried.append((_mean_error_deg(presses, predictors), relative, kernel))
-    return min(tried, key=lambda each: each[0])[1:]
-
-
-def _mean_error_deg(presses: Sequence[Samples], predictors: Sequence[Predictor]) -> float:
-    """Mean angle between the normals that presses have and those that fits without them predict."""
-    found = []
-    for press, predictor in zip(presses, predictors, strict=True):
-        slopes = predictor(press.signal, press.position), press.slope
-        told, truth = (normals(*slope_gradients(slope).T) for slope in slopes)
-        found.append(np.average(normal_error_deg(told, truth), weights=press.weight))
-    return float(np.mean(found))
-
-
-def _left_out(
-    balls: Sequence[BallPress],
-    background: ArrayLike,
-    setup: Setup,
-    method: Method,
-    membrane: Membrane | None,
-) -> list[ReconstructedShape]:
-    """Each ball as reconstructed by a calibration on the others."""
-    without = calibrations_without_each(balls, background, setup, method=method, membrane=membrane)
-    return [own.reconstruct(ball.image) for ball, own in zip(balls, without, strict=True)]
 
 
 def calibrations_without_each(

@@ -10,10 +10,10 @@ from designlab.core.metrics import normal_error_deg
 from designlab.mechanics.contact import press as press_layer
 from designlab.mechanics.layer import ElasticLayer
 from designlab.reconstruction.ball_surface import BallSurface
-from designlab.reconstruction.ball_view import ball_view, placed_by_circle, touched_px
+from designlab.reconstruction.ball_view import ball_view, touched_px
 from designlab.reconstruction.balls import BallPress
+from designlab.reconstruction.centres import placed_by_circle, without_common_moves
 from designlab.reconstruction.height import normals
-from designlab.reconstruction.lab import without_common_moves
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.setup import Setup
 from designlab.sensor.contact import LayerContact

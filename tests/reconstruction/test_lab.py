@@ -8,20 +8,15 @@ from rival_methods import LookupTable, Perceptron
 
 from designlab.core.images import read_image
 from designlab.core.metrics import normal_error_deg
-from designlab.reconstruction import gradients_of, integrate, lab, normals
+from designlab.reconstruction import gradients_of, integrate, left_out, normals
 from designlab.reconstruction.ball_samples import smoothing_by
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress, find_contact_circle
+from designlab.reconstruction.centres import refine_centres
 from designlab.reconstruction.height import READ_SHARE
-from designlab.reconstruction.lab import (
-    LeftOut,
-    calibrate,
-    choose_method,
-    left_out_errors,
-    refine_centres,
-    suited,
-)
+from designlab.reconstruction.lab import calibrate
+from designlab.reconstruction.left_out import LeftOut, choose_method, left_out_errors, suited
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel, Polynomial
 from designlab.reconstruction.setup import Setup
@@ -311,7 +306,7 @@ def test_the_choice_weighs_height_against_normals(monkeypatch):
         true: LeftOut(2.0, 3.0, 0.009),
         flat: LeftOut(2.0, 4.0, 0.0085),
     }
-    monkeypatch.setattr(lab, "left_out_errors", lambda *_, method: errors[method])
+    monkeypatch.setattr(left_out, "left_out_errors", lambda *_, method: errors[method])
     chosen, table = choose_method(BALLS, BACKGROUND, SETUP, [steep, true, flat])
     assert chosen is true
     assert dict(table) == errors

@@ -14,17 +14,11 @@ from designlab.inference.calibration.verdict import FitVerdict
 from designlab.reconstruction.ball_samples import known_gel, smoothing_by
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
+from designlab.reconstruction.centres import place_by_circles, refine_centres
 from designlab.reconstruction.drift import Untouched, drift_between
 from designlab.reconstruction.gel_fit import GelFit
-from designlab.reconstruction.lab import (
-    LabCalibration,
-    LeftOut,
-    calibrate,
-    left_out_of_each,
-    place_by_circles,
-    refine_centres,
-    suited,
-)
+from designlab.reconstruction.lab import LabCalibration, calibrate
+from designlab.reconstruction.left_out import LeftOut, left_out_of_each, suited
 from designlab.reconstruction.methods import Kernel, Method
 from designlab.reconstruction.setup import Setup
 
