@@ -210,20 +210,21 @@ def _changes(
     changes, inside = [], []
     for number, ball in enumerate(balls):
         image = np.asarray(ball.image, dtype=float)
+        named = f"{ball.file}: " if ball.file else f"balls[{number}]."
         if image.shape != background.shape or not np.isfinite(image).all():
-            raise ValueError(
-                f"balls[{number}].image: must be finite of shape {background.shape}, got {image.shape}"
-            )
+            raise ValueError(f"{named}image: must be finite of shape {background.shape}, got {image.shape}")
         changes.append(relative_change(image, background, setup))
         most = _STEEPEST * setup.radius_px(ball)
         if not 0 < setup.contact_radius_px(ball) < most:
             raise ValueError(
-                f"balls[{number}].contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's "
+                f"{named}contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's "
                 f"radius, {most * (1 + (setup.label_bias or 0.0)):.4g} px, got {ball.contact_radius_px:g}"
             )
-        circle = ball_view(ball, setup, membrane).r_px < ball.contact_radius_px
-        if not circle.any():
-            raise ValueError(f"balls[{number}].centre_px: the contact lies outside the picture")
+        away_px = ball_view(ball, setup, membrane).r_px
+        circle = away_px < ball.contact_radius_px
+        shown = away_px < _RIM * ball.contact_radius_px
+        if not (shown if membrane is None else shown & membrane.seen).any():
+            raise ValueError(f"{named}centre_px: the contact lies outside the picture of the gel")
         inside.append(changes[-1][circle])
     spread = np.sqrt((np.concatenate(inside) ** 2).mean(axis=0))
     if not (spread > 0).all():

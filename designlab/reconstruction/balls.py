@@ -29,12 +29,15 @@ class BallPress:
         Radius of the contact circle as read off the picture.
     radius_mm : float, optional
         Radius of the ball, where balls differ; that of the setup when absent.
+    file : str
+        Its file, by which messages name it; empty where it has none.
     """
 
     image: Array
     centre_px: tuple[float, float]
     contact_radius_px: float
     radius_mm: float | None = None
+    file: str = ""
 
     def moved(self, centre_px: tuple[float, float]) -> "BallPress":
         """The same press with another centre."""

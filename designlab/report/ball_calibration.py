@@ -118,5 +118,6 @@ def _fitted(found: BallCalibration) -> Html:
             ("circles are larger than the contact by", "%", 100, found.gel.label_bias),
         ):
             value, low, high = (scale * number for number in (fitted.value, fitted.low, fitted.high))
-            told[name] = f"{value:.3g} {unit}, 95 % interval {low:.3g} to {high:.3g} {unit}"
+            known = "as stated" if low == high else f"95 % interval {low:.3g} to {high:.3g} {unit}"
+            told[name] = f"{value:.3g} {unit}, {known}"
     return facts(told)

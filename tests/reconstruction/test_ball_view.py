@@ -1,6 +1,7 @@
 """What pixels see of a ball on a dome, against presses of the simulator along the dome's normal."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.core.metrics import normal_error_deg
 from designlab.mechanics.contact import press as press_layer
 from designlab.mechanics.layer import ElasticLayer
+from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view, touched_px
 from designlab.reconstruction.balls import BallPress
@@ -133,6 +135,19 @@ def test_a_circle_that_the_border_cuts_places_its_ball_as_well():
     cut = on._replace(seen=np.broadcast_to(np.arange(x.shape[1]) < axis[0] + 8.0, x.shape))
     for each in (on, cut):
         assert np.hypot(*np.subtract(placed_by_circle(first, circle, setup, each).centre_px, axis)) < 0.3
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(("file", "named"), [("set/ball-1.png", "set/ball-1.png: "), ("", r"balls\[1\]\.")])
+def test_a_ball_beside_the_gel_that_is_seen_is_refused_by_its_name(file, named):
+    on, x, _ = membrane()
+    half = on._replace(seen=np.broadcast_to(np.arange(x.shape[1]) < HALF, x.shape))
+    image = np.random.default_rng(0).uniform(0.5, 1.0, (*x.shape, 3))
+    balls = [BallPress(image, place, 20.0) for place in ((100.0, 150.0), (220.0, 150.0), (80.0, 90.0))]
+    balls[1] = replace(balls[1], file=file)
+    setup = Setup(2.0, PITCH_MM, thickness_mm=THICKNESS_MM)
+    with pytest.raises(ValueError, match=f"{named}centre_px: the contact lies outside the picture"):
+        known_gel(balls, np.ones_like(image), setup, half)
 
 
 @pytest.mark.parametrize("bulge_per_mm", [0.0, 0.1, -0.1])

@@ -128,7 +128,7 @@ class _Stage:
             found = BallPress(image, *circle)
         else:
             found = BallPress(image, *_on_grid(self.membrane, *circle))
-        found = replace(found, radius_mm=diameter_mm / 2)
+        found = replace(found, radius_mm=diameter_mm / 2, file=str(path))
         if self.membrane is None:
             return found
         radius_px = diameter_mm / 2 / self.membrane.mm_per_px
