@@ -77,19 +77,19 @@ def refine_centres(
     *,
     method: Method | None = None,
     rounds: int = 4,
-    membrane: Membrane | None = None,
 ) -> list[BallPress]:
     """Move each ball's centre to where its own reconstructed normals meet.
 
     A centre read off a picture is good to a pixel, which is a degree on a small ball. Each ball is
     reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
-    one read off, and so on. Balls left out cannot tell that all balls shrink towards a point or shift alike,
-    since colours change with place. On a membrane whose circles show where the balls are, centres therefore
-    do not move so; see `place_by_circles`. Of few balls that leaves little: of four, a fifth of the moves.
+    one read off, and so on.
+
+    Balls left out cannot tell that all balls shrink towards a point, or shift alike, since colours change
+    with place. Where the geometry is known, `place_by_circles` errs less.
 
     Parameters
     ----------
-    balls, background, setup, membrane
+    balls, background, setup
         See `lab.calibrate`.
     method : Method, optional
         See `methods`; `Polynomial()` when absent, which is quick.
@@ -97,34 +97,22 @@ def refine_centres(
         Times that all balls are moved.
     """
     method = method or Polynomial()
-    moving, known, _ = known_gel(balls, background, setup, membrane)
+    moving, known, _ = known_gel(balls, background, setup)
     plain = known._replace(detail=0.0, weighted=False)
-    base_p, base_q = (0.0, 0.0) if membrane is None else (membrane.p, membrane.q)
     for _ in range(rounds):
         moved = []
-        shapes = reconstructed_without_each(moving, background, plain, method, membrane)
+        shapes = reconstructed_without_each(moving, background, plain, method)
         for ball, shape in zip(moving, shapes, strict=True):
             # slopes of the height alone, which lean less on where the labels of the others have their balls
             p, q = gradients_of(shape.height_mm, pitch_mm=setup.mm_per_px)
-            normal, reach_px = normals(p + base_p, q + base_q), setup.radius_px(ball)
-            view = ball_view(ball, known, membrane)
+            normal, reach_px = normals(p, q), setup.radius_px(ball)
+            view = ball_view(ball, known)
             near = view.r_px < known.contact_radius_px(ball)
-            if membrane is not None:
-                near &= membrane.seen
             if not near.any():
                 moved.append(ball)
                 continue
             column = ball.centre_px[0] + np.median((view.x_px - normal[..., 0] * reach_px)[near])
             row = ball.centre_px[1] - np.median((view.y_px - normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
-        moving = moved if membrane is None else without_common_moves(moving, moved)
+        moving = moved
     return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
-
-
-def without_common_moves(before: Sequence[BallPress], after: Sequence[BallPress]) -> list[BallPress]:
-    """Balls after a move, less what of it depends linearly on their places."""
-    start = np.array([ball.centre_px for ball in before])
-    moves = np.array([ball.centre_px for ball in after]) - start
-    linear = np.column_stack([np.ones(len(start)), start])
-    own = moves - linear @ np.linalg.lstsq(linear, moves)[0]
-    return [ball.moved((float(x), float(y))) for ball, (x, y) in zip(before, start + own, strict=True)]

@@ -150,7 +150,7 @@ def reconstructed_without_each(
     background: ArrayLike,
     setup: Setup,
     method: Method,
-    membrane: Membrane | None,
+    membrane: Membrane | None = None,
 ) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
     without = calibrations_without_each(balls, background, setup, method=method, membrane=membrane)

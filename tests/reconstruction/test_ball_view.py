@@ -14,7 +14,7 @@ from designlab.reconstruction.ball_samples import known_gel
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import ball_view, touched_px
 from designlab.reconstruction.balls import BallPress
-from designlab.reconstruction.centres import placed_by_circle, without_common_moves
+from designlab.reconstruction.centres import placed_by_circle
 from designlab.reconstruction.height import normals
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.setup import Setup
@@ -205,18 +205,3 @@ def test_a_thin_coating_changes_little(skin_mm):
 def test_a_hollow_tighter_than_the_ball_is_refused():
     with pytest.raises(ValueError, match="hollow must be wider than the ball of 6 mm"):
         BallSurface(3.0, 2.0, POISSON, -0.35)
-
-
-def test_moves_that_all_balls_share_are_taken_off():
-    draw = np.random.default_rng(2)
-    start = draw.uniform(0, 100, (12, 2))
-    linear = np.column_stack([np.ones(12), start])
-    own = draw.normal(size=(12, 2))
-    own -= linear @ np.linalg.lstsq(linear, own)[0]
-    before = [BallPress(np.zeros((2, 2, 3)), tuple(place), 5.0) for place in start]
-    after = [
-        ball.moved(tuple(0.98 * place + 1.5 + extra))
-        for ball, place, extra in zip(before, start, own, strict=True)
-    ]
-    found = [ball.centre_px for ball in without_common_moves(before, after)]
-    np.testing.assert_allclose(found, start + own, atol=1e-9)

@@ -16,6 +16,8 @@ figure was
 
 ========== ======= ==========================================================================
 evaluate   1.6e-5  heights of single presses; 1.1e-5 of other figures
+...        1.0e-3  a bound of bias, the difference of two figures a thousand times as large (2026-11-30,
+                   same code on three machines, which differ by 2.2e-6 in these two figures)
 compare    2.0e-8  structure SNR
 calibrate  1.6e-6  standard errors, light times reflectance
 diagnosis  1.8e-6  evidence, shares, intervals
@@ -44,7 +46,7 @@ EXACT = {"": 1e-9}  # where nothing is summed in changing order
 EVALUATE = {"": 2e-4, "margins": 1e-9, "scores.coverage": 1e-9, "scores.saturation_share": 1e-9}
 TOLERANCES = dict.fromkeys(cases.CASES, EXACT) | {
     "evaluate-default": EVALUATE,
-    "evaluate-dome": EVALUATE,
+    "evaluate-dome": EVALUATE | {"scores.normal_error_median_deg.bias_bound": 1e-2},
     "evaluate-core": EVALUATE,
     "compare": {"": 3e-7},
     "calibrate": {"": 3e-5},

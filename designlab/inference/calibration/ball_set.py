@@ -41,8 +41,6 @@ class BallSet(NamedTuple):
         Printed markers of the gel, which the pictures are without.
     membrane : Membrane or None
         The membrane on whose grid the pictures are laid out; None where they are as they were taken.
-    circles_found : bool
-        Whether all circles were found in the pictures, none of them stated.
     """
 
     files: tuple[str, ...]
@@ -53,7 +51,6 @@ class BallSet(NamedTuple):
     notes: tuple[str, ...] = ()
     markers: Markers | None = None
     membrane: Membrane | None = None
-    circles_found: bool = False
 
 
 def load_balls(
@@ -248,17 +245,7 @@ def _set(
     scale = stage.mm_per_px
     assert scale is not None  # was asked for
     radius_mm = float(np.median([ball.radius_mm for ball in balls])) if balls else 0.0
-    return BallSet(
-        files,
-        balls,
-        stage.background,
-        radius_mm,
-        scale,
-        notes,
-        stage.markers,
-        stage.membrane,
-        circles_found=stage.looked_for == len(balls),
-    )
+    return BallSet(files, balls, stage.background, radius_mm, scale, notes, stage.markers, stage.membrane)
 
 
 def _found(path: Path, image: Array, background: Array) -> BallPress:

@@ -119,16 +119,15 @@ def calibrate_balls(
     if poisson is not None:
         setup = setup._replace(poisson=poisson)
     work.begin("centres of the balls")
-    refined, membrane = balls.balls, balls.membrane
+    membrane = balls.membrane
     if membrane is not None:
-        refined = place_by_circles(refined, balls.background, setup, membrane)
-    if membrane is None or not balls.circles_found:
-        # circles that are found err less than what refining leaves, see docs/decisions.md
-        refined = refine_centres(refined, balls.background, setup, membrane=membrane)
-        refined = refine_centres(refined, balls.background, setup, method=COARSE, rounds=2, membrane=membrane)
+        placed = place_by_circles(balls.balls, balls.background, setup, membrane)
+    else:
+        placed = refine_centres(balls.balls, balls.background, setup)
+        placed = refine_centres(placed, balls.background, setup, method=COARSE, rounds=2)
     work.step(parts["centres of the balls"])
     work.begin("gel")
-    known, setup, gel = known_gel(refined, balls.background, setup, membrane)
+    known, setup, gel = known_gel(placed, balls.background, setup, membrane)
     work.step(parts["gel"])
     work.begin("balls left out")
     ways: list[tuple[Setup, Method]] = []
