@@ -105,11 +105,11 @@ class EvaluationProtocol:
         return np.asarray((self.picture(untouched, 0) + self.picture(again, 1)) / 2)
 
     def bare(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Mask | None]:
-        """A picture whose printed markers are filled in from around, and where it shows the bare membrane."""
+        """A picture whose printed markers are filled in from around, and where they were."""
         if self.markers is None:
             return image, None
         covered = self.markers.followed(image).covered
-        return without(image, covered).astype(np.float32), ~covered
+        return without(image, covered).astype(np.float32), covered
 
     def calibrate(self, untouched: Frame, again: Frame, balls: Sequence[Frame]) -> KernelCalibration:
         """Calibrate on the balls."""
@@ -177,12 +177,12 @@ class EvaluationProtocol:
     def _one(
         self, calibration: KernelCalibration, frame: Frame, image: NDArray[np.float32]
     ) -> Reconstruction:
-        image, mask = self.bare(image)
-        found = calibration.estimate(image, mask=mask)
+        image, filled = self.bare(image)
+        found = calibration.estimate(image, filled=filled)
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
         height_mm = _height_mm(found, frame)
-        p, q = blended(found.p, found.q, height_mm, pitch_mm=frame.rays.pitch_mm, mask=mask)
+        p, q = blended(found.p, found.q, height_mm, pitch_mm=frame.rays.pitch_mm)
         estimated = normals(p + base_p, q + base_q)
         truth = normals(true_p + base_p, true_q + base_q)
         region = error_region(frame)

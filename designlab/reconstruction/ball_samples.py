@@ -66,6 +66,8 @@ def ball_samples(
         u = (view.r_px / ball.contact_radius_px).ravel()
         if membrane is not None:
             u[~membrane.seen.ravel()] = np.nan
+        if ball.covered is not None:
+            u[ball.covered.ravel()] = np.nan
         if rim:
             p, q = view.ball_slopes
             p, q = p - base_p, q - base_q

@@ -31,6 +31,8 @@ class BallPress:
         Radius of the ball, where balls differ; that of the setup when absent.
     file : str
         Its file, by which messages name it; empty where it has none.
+    covered : bool array, shape (rows, columns), optional
+        Pixels that show a printed marker, filled in from around, from which nothing is learnt; none if absent.
     """
 
     image: Array
@@ -38,6 +40,7 @@ class BallPress:
     contact_radius_px: float
     radius_mm: float | None = None
     file: str = ""
+    covered: Mask | None = None
 
     def moved(self, centre_px: tuple[float, float]) -> "BallPress":
         """The same press with another centre."""

@@ -108,6 +108,8 @@ def refine_centres(
             normal, reach_px = normals(p, q), setup.radius_px(ball)
             view = ball_view(ball, known)
             near = view.r_px < known.contact_radius_px(ball)
+            if ball.covered is not None:
+                near &= ~ball.covered
             if not near.any():
                 moved.append(ball)
                 continue

@@ -197,11 +197,13 @@ class _Shown(NamedTuple):
         r_px = view.r_px
         rows, columns = np.indices(change.shape[:2])
         far = reach * ball.contact_radius_px + 4 * smoothing_px
-        around = r_px <= far
+        around, used = r_px <= far, r_px < reach * ball.contact_radius_px
+        if ball.covered is not None:
+            used &= ~ball.covered
         down, across = (np.flatnonzero(around.any(axis=axis)) for axis in (1, 0))
         box = np.s_[down[0] : down[-1] + 1, across[0] : across[-1] + 1]
         colour = change[box]
-        near = np.flatnonzero(r_px[box] < reach * ball.contact_radius_px)
+        near = np.flatnonzero(used[box])
         chosen = draw.choice(near, min(_PIXELS, near.size), replace=False)
         half = (np.array(change.shape[1::-1]) - 1) / 2
         across, down = np.asarray(columns / half[0] - 1), np.asarray(1 - rows / half[1])

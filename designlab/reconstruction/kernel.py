@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.height import integrate, normals
+from designlab.reconstruction.markers import FILLED
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
 from designlab.reconstruction.pictures import (
     centred,
@@ -88,7 +89,9 @@ class KernelCalibration:
         """
         return replace(self, background=checked_image(background, self.background.shape, "background"))
 
-    def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> GradientEstimate:
+    def estimate(
+        self, image: ArrayLike, *, mask: Mask | None = None, filled: Mask | None = None
+    ) -> GradientEstimate:
         """Gradients of the indentation and their weights, each of shape (rows, columns).
 
         The weight of a pixel is the inverse of the error that presses left out of the calibration had at
@@ -99,7 +102,9 @@ class KernelCalibration:
         image : array, shape (rows, columns, channels)
             A press, seen as the background was.
         mask : bool array, shape (rows, columns), optional
-            Pixels that show the bare membrane; printed markers left out, which get no weight.
+            Pixels to use; others get no weight.
+        filled : bool array, shape (rows, columns), optional
+            Pixels whose marker was filled in from around, see `markers.without`. They get little weight.
 
         Raises
         ------
@@ -115,6 +120,8 @@ class KernelCalibration:
         p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)
         weights = np.exp(-found[:, 2]).reshape(rows, columns)
         weights /= weights.max()
+        if filled is not None:
+            weights[filled] *= FILLED
         return GradientEstimate(p, q, weights if mask is None else weights * mask)
 
 

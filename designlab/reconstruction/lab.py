@@ -20,6 +20,7 @@ from designlab.reconstruction.ball_samples import (
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import blended, integrate, normals
+from designlab.reconstruction.markers import FILLED
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import (
     ErrorMap,
@@ -193,6 +194,7 @@ class LabCalibration:
         *,
         mask: Mask | None = None,
         unseen: Mask | None = None,
+        filled: Mask | None = None,
         robust: bool = False,
     ) -> ReconstructedShape:
         """Height and slopes of a press.
@@ -204,14 +206,20 @@ class LabCalibration:
         unseen : bool array, shape (rows, columns), optional
             Masked pixels beyond what the camera sees. They are taken to be flat, with little weight: without
             any nothing would hold the height to the border.
+        filled : bool array, shape (rows, columns), optional
+            Pixels whose marker was filled in from around, see `markers.without`. Their slopes count little.
         robust : bool
             See `integrate`.
         """
         signal = self._signal(image, mask)
         pitch_mm = self.setup.mm_per_px
-        counted = None if mask is None else mask.astype(float)
-        if counted is not None and unseen is not None:
-            counted[unseen] = _UNSEEN
+        counted = None
+        if mask is not None or filled is not None:
+            counted = np.ones(self.background.shape[:2]) if mask is None else mask.astype(float)
+            if filled is not None:
+                counted[filled] *= FILLED
+            if unseen is not None:
+                counted[unseen] = _UNSEEN
 
         def height(p: Array, q: Array, weights: Array | None) -> Array:
             if counted is not None:

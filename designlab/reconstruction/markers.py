@@ -24,6 +24,8 @@ MOST_COVERED = 0.4  # of the picture, by dots
 MARGIN_PX = 2  # around a dot, that it darkens too
 REACH = 0.45  # of the distance of neighbours, that a dot may move
 LEVEL_PX = 1.0  # smoothing before dots are looked for
+FILLED = 0.1
+"""Weight of a pixel whose marker was filled in, see ``benchmarks/filled_markers.py``."""
 
 
 class MovedMarkers(NamedTuple):

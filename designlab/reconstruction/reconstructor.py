@@ -329,7 +329,7 @@ class Reconstructor:
         if video and mask is not None:
             raise ValueError("mask: mode video takes none, and finds printed markers itself")
         cell_px = self.video.cell_px if video else 1
-        moved, free = None, None
+        moved, free, filled = None, None, None
         covered = self._unseen if video else None
         unseen = None
         if not video and self.kept.membrane is not None:
@@ -341,8 +341,8 @@ class Reconstructor:
                 free = _of_pixels(~moved.covered, cell_px, values.shape)
                 covered = moved.covered if covered is None else covered | moved.covered
             else:
-                values = without(values, moved.covered)
-                mask = ~moved.covered if mask is None else mask & ~moved.covered
+                filled = moved.covered
+                values = without(values, filled)
         drift = drift_between(self._untouched, values, place=not video, free=free)
         used, warnings = self._levelled(values, drift)
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
@@ -351,7 +351,7 @@ class Reconstructor:
         shape = (
             self.video.shape(change)
             if video
-            else self.calibration.reconstruct(used, mask=mask, unseen=unseen)
+            else self.calibration.reconstruct(used, mask=mask, unseen=unseen, filled=filled)
         )
         height = shape.height_mm
         pressed_in = bool(height.max() > 0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from designlab.core.images import ImageError, read_picture
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 from designlab.measurement import MeasurementError, load_measurement
 from designlab.reconstruction.balls import BallPress, find_contact_circle
 from designlab.reconstruction.markers import Markers, without
@@ -113,7 +113,7 @@ class _Stage:
         diameter_mm: float,
     ) -> BallPress:
         """A press with its circle, as stated in pixels of the picture, or as found."""
-        image = _plain(self._laid_out(image), self.markers)
+        image, covered = _plain(self._laid_out(image), self.markers)
         if circle is None:
             self.looked_for += 1
             found = _found(path, image, self.background)
@@ -125,7 +125,7 @@ class _Stage:
             found = BallPress(image, *circle)
         else:
             found = BallPress(image, *_on_grid(self.membrane, *circle))
-        found = replace(found, radius_mm=diameter_mm / 2, file=str(path))
+        found = replace(found, radius_mm=diameter_mm / 2, file=str(path), covered=covered)
         if self.membrane is None:
             return found
         radius_px = diameter_mm / 2 / self.membrane.mm_per_px
@@ -264,9 +264,12 @@ def _unmarked(background: Array) -> tuple[Array, Markers | None]:
     return (background, None) if markers is None else (without(background, markers.covered), markers)
 
 
-def _plain(image: Array, markers: Markers | None) -> Array:
-    """A press without the markers."""
-    return image if markers is None else without(image, markers.followed(image).covered)
+def _plain(image: Array, markers: Markers | None) -> tuple[Array, Mask | None]:
+    """A press without the markers, and where it showed them."""
+    if markers is None:
+        return image, None
+    covered = markers.followed(image).covered
+    return without(image, covered), covered
 
 
 def _marked(markers: Markers | None) -> tuple[str, ...]:
