@@ -225,8 +225,12 @@ def _changes(
         away_px = ball_view(ball, setup, membrane).r_px
         circle = away_px < ball.contact_radius_px
         shown = away_px < _RIM * ball.contact_radius_px
-        if not (shown if membrane is None else shown & membrane.seen).any():
+        if membrane is not None:
+            shown &= membrane.seen
+        if not shown.any():
             raise ValueError(f"{named}centre_px: the contact lies outside the picture of the gel")
+        if ball.covered is not None and not (shown & ~ball.covered).any():
+            raise ValueError(f"{named}centre_px: printed markers cover the whole contact")
         inside.append(changes[-1][circle])
     spread = np.sqrt((np.concatenate(inside) ** 2).mean(axis=0))
     if not (spread > 0).all():

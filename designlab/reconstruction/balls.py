@@ -32,7 +32,7 @@ class BallPress:
     file : str
         Its file, by which messages name it; empty where it has none.
     covered : bool array, shape (rows, columns), optional
-        Pixels that show a printed marker, filled in from around, from which nothing is learnt; none if absent.
+        Pixels that show a printed marker, filled in from around; they teach nothing. None if absent.
     """
 
     image: Array

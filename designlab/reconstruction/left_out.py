@@ -154,4 +154,6 @@ def reconstructed_without_each(
 ) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
     without = calibrations_without_each(balls, background, setup, method=method, membrane=membrane)
-    return [own.reconstruct(ball.image, filled=ball.covered) for ball, own in zip(balls, without, strict=True)]
+    return [
+        own.reconstruct(ball.image, filled=ball.covered) for ball, own in zip(balls, without, strict=True)
+    ]

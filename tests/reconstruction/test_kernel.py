@@ -6,6 +6,7 @@ import pytest
 from designlab.core.metrics import normal_error_deg
 from designlab.reconstruction import fit_kernel, integrate, normals
 from designlab.reconstruction.balls import ball_gradients
+from designlab.reconstruction.markers import FILLED
 
 SHAPE, PITCH_MM, RADIUS_MM = (100, 120), 0.1, 2.0
 AZIMUTHS = np.radians([90.0, 210.0, 330.0])
@@ -104,6 +105,10 @@ def test_masked_markers_are_bridged(calibration):
         image[spot], mask = 0.0, mask & ~spot
     found = calibration.estimate(image, mask=mask)
     assert not found.weights[~mask].any()
+    filled = calibration.estimate(image, filled=~mask)
+    assert (filled.weights[mask] == found.weights[mask]).all()
+    usual = calibration.estimate(image).weights
+    np.testing.assert_allclose(filled.weights[~mask], FILLED * usual[~mask])
     even = integrate(found.p, found.q, pitch_mm=PITCH_MM, boundary="dirichlet")
     bridged, spotted = (
         np.abs(h - height)[height > 0].mean() for h in (found.height_mm(pitch_mm=PITCH_MM), even)

@@ -17,6 +17,7 @@ from designlab.reconstruction.centres import refine_centres
 from designlab.reconstruction.height import READ_SHARE
 from designlab.reconstruction.lab import calibrate
 from designlab.reconstruction.left_out import LeftOut, choose_method, left_out_errors, suited
+from designlab.reconstruction.markers import without
 from designlab.reconstruction.membrane import Membrane
 from designlab.reconstruction.methods import Kernel, Polynomial
 from designlab.reconstruction.setup import Setup
@@ -188,6 +189,38 @@ def test_the_contact_circle_is_found_in_the_picture(centre_px, radius_px):
 def test_no_contact_is_found_where_there_is_none():
     with pytest.raises(ValueError, match="must show a contact"):
         find_contact_circle(picture(FLAT, FLAT, noise=0.01), BACKGROUND)
+
+
+@pytest.mark.slow
+def test_filled_markers_err_less_than_masked_ones():
+    dots = (ROWS % 14 < 7) & (COLUMNS % 14 < 7)
+    calibration = calibrate(BALLS, BACKGROUND, SETUP)
+    p, q, r_px = slopes((64, 52), 13.0)
+    marked, truth = np.where(dots[..., None], 0.1, picture(p, q)), normals(p, q)
+    masked = calibration.reconstruct(marked, mask=~dots)
+    filled = calibration.reconstruct(without(marked, dots), filled=dots)
+    inside = dots & (r_px < 13.0)
+    errors = [normal_error_deg(shape.normals(), truth)[inside].mean() for shape in (masked, filled)]
+    assert errors[1] < 0.7 * errors[0]
+    # what was filled in says little about the gel that is seen
+    seen = ~dots & (r_px < 13.0)
+    assert normal_error_deg(filled.normals(), truth)[seen].mean() < 1.5
+
+
+@pytest.mark.slow
+def test_covered_pixels_of_balls_teach_nothing():
+    dots = (ROWS % 14 < 5) & (COLUMNS % 14 < 5)
+    opposite = [np.where(dots[..., None], 2 * BACKGROUND - ball.image, ball.image) for ball in BALLS]
+    p, q, r_px = slopes((64, 52), 13.0)
+    errors = []
+    for covered in (dots, None):
+        balls = [
+            replace(ball, image=image, covered=covered) for ball, image in zip(BALLS, opposite, strict=True)
+        ]
+        found = calibrate(balls, BACKGROUND, SETUP).reconstruct(picture(p, q)).normals()
+        errors.append(normal_error_deg(found, normals(p, q))[r_px < 13.0].mean())
+    assert errors[0] < 0.5
+    assert errors[1] > 2 * errors[0]
 
 
 @pytest.mark.slow
