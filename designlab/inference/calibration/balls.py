@@ -109,7 +109,8 @@ def calibrate_balls(
         How far the coating rounds what the gel is pressed to, where that is known, see `Setup`.
     method : Method, optional
         See `reconstruction.methods`. When absent, what errs least on the balls left out: smoothing by the
-        pictures' noise with the kernel that suits it, or what serves most sensors.
+        pictures' noise with the kernel that suits it, or what serves most sensors, each with a map of the
+        rims of contacts or without.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
     """
@@ -133,9 +134,13 @@ def calibrate_balls(
     ways: list[tuple[Setup, Method]] = []
     if method is None:
         smoothing_px = smoothing_by(known, balls.background)
-        detail = setup.detail if smoothing_px >= ROUNDS_RIMS_PX else 0.0
-        by_noise = setup._replace(smoothing_px=smoothing_px, detail=detail)
-        ways += [(setup, Kernel()), suited(known, balls.background, by_noise, membrane=membrane)]
+        by_noise, kernel = suited(
+            known, balls.background, setup._replace(smoothing_px=smoothing_px), membrane=membrane
+        )
+        if smoothing_px >= ROUNDS_RIMS_PX:
+            ways.append((by_noise, kernel))
+        ways += [(setup, Kernel()), (setup._replace(detail=0.0), Kernel())]
+        ways.append((by_noise._replace(detail=0.0), kernel))
     else:
         ways.append((setup, method))
     tried = []

@@ -187,6 +187,9 @@ class Effect:
 
     Pictures by pose are rendered for every press anyway.
     """
+    step_sd: ClassVar[float] = 1.0
+    """How far from null its pictures are rendered, between which others are combined (prior standard
+    deviations)."""
     needs_touch: ClassVar[bool] = False
     """Whether it changes nothing where nothing is pressed."""
     constant: ClassVar[bool] = False

@@ -61,7 +61,7 @@ def steps(
     mains = [p for p in parameters if not p.shape]
     free = mains if origin is None else parameters
     for together in _together(free):
-        far = 1.0 if origin is None else NEAR_SD
+        far = effect.step_sd if origin is None else NEAR_SD
         ways = [_ways(p, here[p.name], far) for p in together]
         yield _step(effect.name, tuple(together), here, ways)
     if origin is None:

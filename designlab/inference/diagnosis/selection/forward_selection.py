@@ -166,6 +166,10 @@ class ForwardSelection:
         if attempts:
             self.work.tell("trying the best again")
         attempts, base = self._contended(attempts, base)
+        attempts = [
+            replace(self._settled(a, base), seconds=a.seconds) if self._leads_like_dirt(a, attempts) else a
+            for a in attempts
+        ]
         most = max((attempt.evidence.value for attempt in attempts), default=0.0)
         rivals = {a.name: a.stand.judged.state for a in attempts if self._contends(a, most)}
         passed, unusual = self._passed(number, attempts)
@@ -216,6 +220,14 @@ class ForwardSelection:
         for reason, attempt in zip(reasons, attempts, strict=True):
             self._note(number, attempt, reason if reason and attempt is not unusual else "passed")
         return passed, unusual
+
+    def _leads_like_dirt(self, attempt: Attempt, attempts: Sequence[Attempt]) -> bool:
+        """Whether the candidate with most evidence is refused for its size alone.
+
+        A size that is still on its way to where the pictures are exact says too little.
+        """
+        leads = attempt is max(attempts, key=lambda a: a.evidence.value)
+        return leads and OF_PRESSES.refused(attempt) == LIKE_DIRT
 
     def _closing(self, attempts: Sequence[Attempt]) -> Attempt | None:
         """Attempt with values that are not likely of built sensors that closes the gap as no other does."""
