@@ -24,7 +24,7 @@ from designlab.inference.diagnosis.selection.recentring import (
 )
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from designlab.simulation.render_cache import DRAFT, Quality, Renders
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic.electronics import Converter
@@ -85,6 +85,18 @@ def test_pictures_about_values_found_are_those_rendered_there(renders) -> None:
     frame = Simulator(moved_leds, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
     rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
     assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.003 * np.sqrt((rendered**2).mean())
+
+
+def test_pictures_of_large_tilts_are_combined_closely(renders) -> None:
+    model, group = SensorModel.of(DESIGN), DESIGN.group_names[0]
+    tilt = {**effect("led_tilt").null(DESIGN), f"{group}_tilt_deg": -8.0, f"{group}_turn_deg": 5.0}
+    tilted = SensorModel(design=DESIGN, effects=(AppliedEffect(name="led_tilt", values=tilt),))
+    frame = Simulator(tilted, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
+    rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
+    forward = Forward(fill(renders, model, shots(model)[:1], ["led_tilt"]))
+    combined = forward.predict(State(GAINS, {"led_tilt": tilt}), 0)
+    change = np.sqrt(((rendered - forward.predict(State(GAINS), 0)) ** 2).mean())
+    assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.1 * change
 
 
 @pytest.mark.slow

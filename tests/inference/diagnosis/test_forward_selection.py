@@ -440,6 +440,22 @@ def test_what_explains_less_than_dirt_in_the_guise_of_another_does_not_join(meas
     assert search._passed(1, [veil, strong, weak]) == ([strong], None)
 
 
+def test_what_leads_settles_before_it_is_taken_for_dirt(bank, renders, monkeypatch) -> None:
+    """A size that is still on its way says too little; what lies behind is left as it is."""
+    far = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.8}),)
+    )
+    fitter = seeing(bank, far)
+    search, start = begun(fitter, renders)
+    attempts = [search._attempt(name, start) for name in ("albedo_field", "contact_kernel")]
+    assert not any(search._leads_like_dirt(attempt, attempts) for attempt in attempts)
+    monkeypatch.setattr(Fitter, "beyond_dirt", lambda *_: False)
+    assert [search._leads_like_dirt(attempt, attempts) for attempt in attempts] == [False, True]
+    settled = search._settled(attempts[1], start)
+    off = [abs(a.stand.state.values["contact_kernel"]["length_ratio"] - 1.8) for a in (attempts[1], settled)]
+    assert off[1] < 0.5 * off[0]
+
+
 def test_a_pattern_that_rounding_makes_is_none_of_the_sensor(measured) -> None:
     made = attempt(measured, "fixed_pattern", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
     pattern = np.random.default_rng(0).standard_normal(measured.bank.shots[0].signal.shape)
