@@ -4,7 +4,7 @@
     python benchmarks/filled_markers.py --out OUT --preset default+dots
 
 Uses the pictures and the calibration that the first command wrote. Each weight is one line: the errors of the
-24 test presses. A weight of 0 leaves the covered pixels out, which the integration then bridges.
+24 test presses. With a weight of 0 the integration bridges covered pixels; normals are read off all the same.
 """
 
 import argparse

@@ -119,9 +119,10 @@ class Made:
         markers = Markers.found_in(background) if self.dots else None
         if markers is not None:
             background = without(background, markers.covered)
+            hidden = [markers.followed(ball.image).covered for ball in balls]
             balls = [
-                replace(ball, image=without(ball.image, markers.followed(ball.image).covered))
-                for ball in balls
+                replace(ball, image=without(ball.image, covered), covered=covered)
+                for ball, covered in zip(balls, hidden, strict=True)
             ]
         given = BallSet(names, balls, background, RADIUS_MM, MM_PER_PX, markers=markers)
         return calibrate_balls(given, thickness_mm=THICKNESS_MM, poisson=POISSON).kept

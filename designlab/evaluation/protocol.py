@@ -69,7 +69,7 @@ class EvaluationProtocol:
     """Camera and reconstruction around rendered frames.
 
     `model` has the effects that act on the camera's signal, `markers` the printed dots that `with_markers`
-    found, which are left out as `reconstruct` leaves them out.
+    found, which are filled in as `reconstruct` fills them in.
     """
 
     design: Design
@@ -115,7 +115,8 @@ class EvaluationProtocol:
         """Calibrate on the balls."""
         background = np.asarray(self.background(untouched, again), dtype=float)
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = each_of(lambda k: self.bare(self.picture(balls[k], 10 + k))[0], len(balls))
+        pictures = each_of(lambda k: self.bare(self.picture(balls[k], 10 + k)), len(balls))
+        images, covered = zip(*pictures, strict=True)
         truths = each_of(lambda k: balls[k].gradient, len(balls))
         shares = [self._noise_share(ball, 10 + number, background) for number, ball in enumerate(balls)]
         return fit_kernel(
@@ -126,6 +127,7 @@ class EvaluationProtocol:
             x,
             y,
             smoothing_px=smoothing_for(shares),
+            covered=covered,
         )
 
     def _noise_share(self, ball: Frame, number: int, background: Array) -> float:

@@ -231,7 +231,7 @@ def _changes(
             raise ValueError(f"{named}centre_px: the contact lies outside the picture of the gel")
         if ball.covered is not None and not (shown & ~ball.covered).any():
             raise ValueError(f"{named}centre_px: printed markers cover the whole contact")
-        inside.append(changes[-1][circle])
+        inside.append(changes[-1][circle if ball.covered is None else circle & ~ball.covered])
     spread = np.sqrt((np.concatenate(inside) ** 2).mean(axis=0))
     if not (spread > 0).all():
         raise ValueError("balls: each channel must change colour in the contacts")

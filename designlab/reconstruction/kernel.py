@@ -14,6 +14,7 @@ from designlab.reconstruction.markers import FILLED
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
 from designlab.reconstruction.pictures import (
     centred,
+    check_filled,
     check_mask,
     checked_image,
     colour_change,
@@ -114,6 +115,7 @@ class KernelCalibration:
         image = checked_image(image, self.background.shape, "image")
         rows, columns, channels = self.background.shape
         check_mask(mask, (rows, columns))
+        check_filled(filled, (rows, columns))
         change = smoothed(colour_change(image, self.background), self.smoothing_px)
         signal = change.reshape(-1, channels) / self.spread
         found = _sums(self.kernel, self._weights, signal, self.position) - self._at_rest
@@ -134,6 +136,7 @@ def fit_kernel(
     y_mm: ArrayLike,
     *,
     smoothing_px: float = 0.0,
+    covered: Sequence[Mask | None] | None = None,
 ) -> KernelCalibration:
     """Calibrate on presses of known shape.
 
@@ -153,6 +156,8 @@ def fit_kernel(
     smoothing_px : float
         Standard deviation of the Gaussian that pictures are smoothed with, against noise. True slopes are
         smoothed alike, since colours follow slopes.
+    covered : sequence of bool arrays, shape (rows, columns), or None, optional
+        Pixels of each press whose marker was filled in from around; they teach nothing.
 
     Raises
     ------
@@ -177,8 +182,10 @@ def fit_kernel(
         slope = _slope_vectors(p, q, background.shape, smoothing_px)
         steepness = np.hypot(*slope.T)
         flat = steepness <= _FLAT * steepness.max()
-        steep = thinned(np.flatnonzero(~flat), _SLOPING_PIXELS)
-        pixels = np.concatenate([steep, thinned(np.flatnonzero(flat), _FLAT_PIXELS)])
+        hidden = None if covered is None else covered[number]
+        bare = np.ones(flat.size, dtype=bool) if hidden is None else ~hidden.ravel()
+        steep = thinned(np.flatnonzero(~flat & bare), _SLOPING_PIXELS)
+        pixels = np.concatenate([steep, thinned(np.flatnonzero(flat & bare), _FLAT_PIXELS)])
         sloping.append(steep.size)
         presses.append(
             Samples(

@@ -34,7 +34,7 @@ from designlab.reconstruction.methods import (
     expected_error_without_each,
     slope_gradients,
 )
-from designlab.reconstruction.pictures import check_mask
+from designlab.reconstruction.pictures import check_filled, check_mask
 from designlab.reconstruction.setup import Setup
 
 _UNSEEN = 1e-2  # weight of gel beyond the camera's sight
@@ -212,6 +212,7 @@ class LabCalibration:
             See `integrate`.
         """
         signal = self._signal(image, mask)
+        check_filled(filled, self.background.shape[:2])
         pitch_mm = self.setup.mm_per_px
         counted = None
         if mask is not None or filled is not None:

@@ -78,6 +78,8 @@ def left_out_of_each(
         ball_deg = normal_error_deg(found, normals(*view.ball_slopes))
         inside = view.r_px < ball.contact_radius_px
         contact = view.r_px < setup.contact_radius_px(ball)
+        if membrane is not None:
+            inside, contact = inside & membrane.seen, contact & membrane.seen
         axis_mm = setup.mm_per_px * np.hypot(view.x_px, view.y_px)
         cap = np.sqrt(np.maximum(setup.radius_mm(ball) ** 2 - axis_mm**2, 0.0)) - base_mm
         height = (shape.height_mm - cap - view.coating_mm)[contact]
@@ -154,6 +156,8 @@ def reconstructed_without_each(
 ) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
     without = calibrations_without_each(balls, background, setup, method=method, membrane=membrane)
+    seen, unseen = (None, None) if membrane is None else (membrane.seen, ~membrane.seen)
     return [
-        own.reconstruct(ball.image, filled=ball.covered) for ball, own in zip(balls, without, strict=True)
+        own.reconstruct(ball.image, mask=seen, unseen=unseen, filled=ball.covered)
+        for ball, own in zip(balls, without, strict=True)
     ]

@@ -86,6 +86,12 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     return image
 
 
+def check_filled(filled: Mask | None, shape: tuple[int, ...]) -> None:
+    """Refuse pixels that were filled in that are not bool of a given shape (rows, columns)."""
+    if filled is not None and (filled.shape != shape or filled.dtype != bool):
+        raise ValueError(f"filled: must be bool of shape {shape}, got {filled.dtype} of {filled.shape}")
+
+
 def check_mask(mask: Mask | None, shape: tuple[int, ...]) -> None:
     """Refuse a mask of pixels to use that is not bool of a given shape (rows, columns), or is empty."""
     if mask is not None and (mask.shape != shape or mask.dtype != bool or not mask.any()):

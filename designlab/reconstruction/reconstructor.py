@@ -342,14 +342,15 @@ class Reconstructor:
                 covered = moved.covered if covered is None else covered | moved.covered
             else:
                 filled = moved.covered
-                values = without(values, filled)
+                # nothing is filled in from pixels that are not to be used
+                values = without(values, filled if mask is None else filled | ~mask)
         drift = drift_between(self._untouched, values, place=not video, free=free)
         used, warnings = self._levelled(values, drift)
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         shape = (
-            self.video.shape(change)
+            self.video.shape(change, None if moved is None else moved.covered)
             if video
             else self.calibration.reconstruct(used, mask=mask, unseen=unseen, filled=filled)
         )

@@ -321,7 +321,7 @@ def _add_designs(add: Any) -> None:
     _option(
         shapes,
         "--markers",
-        "printed markers: looked for in the background, left out of shapes and followed; none ignores them",
+        "printed markers: looked for in the background, filled in and followed; none ignores them",
         choices=("auto", "none"),
         default="auto",
     )

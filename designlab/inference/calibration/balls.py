@@ -109,8 +109,8 @@ def calibrate_balls(
         How far the coating rounds what the gel is pressed to, where that is known, see `Setup`.
     method : Method, optional
         See `reconstruction.methods`. When absent, what errs least on the balls left out: smoothing by the
-        pictures' noise with the kernel that suits it, or what serves most sensors, each with a map of the
-        rims of contacts or without.
+        pictures' noise with the kernel that suits it, or what serves most sensors. Where pictures are
+        smoothed much, each is tried with a map of the rims of contacts and without.
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
     """
@@ -189,7 +189,10 @@ def _taught(calibration: LabCalibration, ball: BallPress) -> Array:
     """Changes of colour on and around a ball, thinned."""
     rows, columns = np.indices(calibration.background.shape[:2])
     near = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
-    change = calibration.change(ball.image)[near < SPREAD_PX * ball.contact_radius_px]
+    shown = near < SPREAD_PX * ball.contact_radius_px
+    if ball.covered is not None:
+        shown &= ~ball.covered
+    change = calibration.change(ball.image)[shown]
     return np.asarray(change[:: max(1, len(change) * 16 // TAUGHT)])
 
 

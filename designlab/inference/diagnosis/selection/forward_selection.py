@@ -222,12 +222,13 @@ class ForwardSelection:
         return passed, unusual
 
     def _leads_like_dirt(self, attempt: Attempt, attempts: Sequence[Attempt]) -> bool:
-        """Whether the candidate with most evidence is refused for its size alone.
+        """Whether the candidate with most evidence is refused for its size alone, and far from null.
 
-        A size that is still on its way to where the pictures are exact says too little.
+        A size that is still on its way to where the pictures are exact says too little. Pictures about null
+        are left as they are, or the leader alone would have exact ones.
         """
         leads = attempt is max(attempts, key=lambda a: a.evidence.value)
-        return leads and OF_PRESSES.refused(attempt) == LIKE_DIRT
+        return leads and is_exact(attempt.stand.fitter) and OF_PRESSES.refused(attempt) == LIKE_DIRT
 
     def _closing(self, attempts: Sequence[Attempt]) -> Attempt | None:
         """Attempt with values that are not likely of built sensors that closes the gap as no other does."""
