@@ -350,7 +350,7 @@ class Reconstructor:
         seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         shape = (
-            self.video.shape(change, None if moved is None else moved.covered)
+            self.video.shape(change)
             if video
             else self.calibration.reconstruct(used, mask=mask, unseen=unseen, filled=filled)
         )

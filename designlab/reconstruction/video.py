@@ -23,7 +23,6 @@ _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
 _COURSE_CELLS = 1.0  # grain of weights that the preconditioner leaves out
 _ROUNDS, _SETTLED = 24, 3e-3
-_FILLED = np.float32(0.3)  # weight of cells whose marker was filled in; with less, more rounds are needed
 
 
 class VideoShape(NamedTuple):
@@ -132,17 +131,12 @@ class VideoMaps:
         sigma = (self._smoothing, self._smoothing, 0)
         return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
 
-    def shape(self, change: NDArray[Any], filled: Mask | None = None) -> VideoShape:
-        """Height at the pixels and slopes of the cells, from a change of colour on cells.
-
-        Cells whose marker was filled in from around count less.
-        """
+    def shape(self, change: NDArray[Any]) -> VideoShape:
+        """Height at the pixels and slopes of the cells, from a change of colour on cells."""
         found = self.table(change)
         slopes = np.empty((4, *self._cells), dtype=np.float32)
         _gradients(found, slopes)
         weight = np.exp(-found[..., 4])
-        if filled is not None:
-            weight[filled] *= _FILLED
         height = self._solver.weighted(slopes[0], slopes[1], weight)
         if self._detail:
             more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
