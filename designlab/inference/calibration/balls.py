@@ -24,7 +24,7 @@ from designlab.reconstruction.setup import Setup
 
 COARSE = Kernel(ridge=3e-3, colour_scale=1.5, features=300)  # moves centres once more
 NORMAL_DEG = (5.0, 10.0)  # error on balls left out: doubtful, failed
-ROUNDS_RIMS_PX = 1.5  # smoothing from which a map of its own for the rims of contacts is worth while
+ROUNDS_RIMS_PX = 1.5  # smoothing from which a map of its own for the rims of contacts is tried
 SPREAD_PX = 1.3  # contact radii around a ball whose colours it taught
 TAUGHT = 4000  # samples of colour that are kept
 STRANGE_QUANTILE, STRANGE_MARGIN = 0.995, 1.25
