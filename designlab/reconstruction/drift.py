@@ -11,6 +11,7 @@ from designlab.core.types import Array, Mask
 BLOCK_PX = 8  # blocks over which brightness is compared
 ALIKE = 0.04  # ratios of brightness that differ by less in every colour are of gel that nothing touches
 CANDIDATES = 50  # blocks that are tried for its ratio
+COUNTED = 1200  # blocks among which the others that share it are counted
 ROUNDS = 4
 ENOUGH = 0.2  # share of the picture from which the ratio is that of the untouched gel
 SURE = 0.01  # standard error of the ratio from which it is not known
@@ -89,8 +90,11 @@ def drift_between(
     if free is None:
         ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
     else:
-        bare = _parted(free[..., None])
-        now, before = ((_parted(each) * bare).mean(axis=(1, 3)) for each in (image, untouched.image))
+        bare = _parted(free[..., None])[..., 0]
+        now, before = (
+            np.einsum("apbqc,apbq->abc", _parted(each), bare.astype(each.dtype))
+            for each in (image, untouched.image)
+        )
         ratio = np.asarray(now / np.maximum(before, 1e-3))
     gain, alike = _most_common(ratio.reshape(-1, ratio.shape[-1]))
     inside = ratio.reshape(-1, ratio.shape[-1])[alike]
@@ -149,14 +153,16 @@ def _parted(image: NDArray[Any]) -> NDArray[Any]:
 def _most_common(ratio: Array) -> tuple[Array, Mask]:
     """The ratio, (channels,), with the most others near it, and which those are."""
 
-    def near(value: Array) -> Mask:
-        return np.asarray((np.abs(ratio / value - 1) < ALIKE).all(axis=-1))
+    def near(those: Array, value: Array) -> Mask:
+        # channels first, which is many times faster
+        return np.asarray((np.abs(those.T / value[:, None] - 1) < ALIKE).all(axis=0))
 
     tried = ratio[:: max(1, len(ratio) // CANDIDATES)]
     tried = tried[(tried > 0).all(axis=-1)]
     if not len(tried):
         return np.ones(ratio.shape[-1]), np.zeros(len(ratio), dtype=bool)
-    gain = max(tried, key=lambda value: int(near(value).sum()))
+    some = ratio[:: max(1, len(ratio) // COUNTED)]
+    gain = max(tried, key=lambda value: int(near(some, value).sum()))
     for _ in range(ROUNDS):
-        gain = np.median(ratio[near(gain)], axis=0)
-    return gain, near(gain)
+        gain = np.median(ratio[near(ratio, gain)], axis=0)
+    return gain, near(ratio, gain)

@@ -162,14 +162,15 @@ class _Spots(NamedTuple):
 
 def _spots(image: NDArray[np.floating], cell_px: int = 1) -> _Spots:
     """Spots that are darker than the gel around, found on cells of some pixels."""
-    rows, columns, channels = image.shape
+    channels = image.shape[-1]
     flat = image.reshape(-1, channels)
     usual = np.maximum(flat[:: cell_px**2].mean(axis=0), 1e-12)
-    level = (flat @ (1 / (channels * usual))).reshape(rows, columns)
+    # a linear-algebra library would start threads, and wait for them longer than this takes
+    level = np.einsum("rcd,d->rc", image, (1 / (channels * usual)).astype(image.dtype))
     if cell_px == 1:
         level = gaussian_filter(level, LEVEL_PX, mode="nearest")
     else:
-        level = _cells_of(level, cell_px).mean(axis=(1, 3))
+        level = np.einsum("apbq->ab", _cells_of(level, cell_px)) / cell_px**2
     side = max(5, round(LARGEST_SHARE * level.shape[1]))
     around = grey_closing(level, size=(side, side), mode="nearest")
     dark = 1 - level / np.maximum(around, 1e-12)

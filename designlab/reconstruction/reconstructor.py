@@ -337,20 +337,20 @@ class Reconstructor:
             mask = ~unseen if mask is None else mask & ~unseen
         if self.markers is not None:
             moved = self.markers.followed(values, cell_px=cell_px)
+            filled = moved.covered
             if video:
                 free = _of_pixels(~moved.covered, cell_px, values.shape)
                 covered = moved.covered if covered is None else covered | moved.covered
             else:
-                filled = moved.covered
                 # nothing is filled in from pixels that are not to be used
                 values = without(values, filled if mask is None else filled | ~mask)
         drift = drift_between(self._untouched, values, place=not video, free=free)
         used, warnings = self._levelled(values, drift)
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
-        seen = np.sqrt((change**2).sum(axis=-1)) > SEEN
+        seen = np.einsum("rcd,rcd->rc", change, change) > SEEN**2
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
         shape = (
-            self.video.shape(change)
+            self.video.shape(change, filled)
             if video
             else self.calibration.reconstruct(used, mask=mask, unseen=unseen, filled=filled)
         )

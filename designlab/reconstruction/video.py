@@ -15,6 +15,7 @@ from designlab.core.types import Array, Mask, Single
 from designlab.reconstruction.colour_table import ColourTable
 from designlab.reconstruction.height import CLEAR, NOISE_PER_MEDIAN, READ_SHARE
 from designlab.reconstruction.lab import LabCalibration
+from designlab.reconstruction.markers import FILLED
 from designlab.reconstruction.methods import outputs_at
 from designlab.reconstruction.pictures import level_of
 
@@ -131,29 +132,39 @@ class VideoMaps:
         sigma = (self._smoothing, self._smoothing, 0)
         return np.asarray(gaussian_filter(values, sigma, mode="nearest", truncate=3.0))
 
-    def shape(self, change: NDArray[Any]) -> VideoShape:
-        """Height at the pixels and slopes of the cells, from a change of colour on cells."""
+    def shape(self, change: NDArray[Any], filled: Mask | None = None) -> VideoShape:
+        """Height at the pixels and slopes of the cells.
+
+        Parameters
+        ----------
+        change : array, shape (cells, cells, 3)
+            Change of colour on cells.
+        filled : bool array, shape (cells, cells), optional
+            Cells whose marker was filled in. They count little, and their slopes are those of the height.
+        """
         found = self.table(change)
         slopes = np.empty((4, *self._cells), dtype=np.float32)
         _gradients(found, slopes)
         weight = np.exp(-found[..., 4])
-        height = self._solver.weighted(slopes[0], slopes[1], weight)
+        if filled is None:
+            filled = np.zeros(self._cells, dtype=bool)
+        height = self._solver.weighted(slopes[0], slopes[1], weight, filled)
         if self._detail:
-            more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight)
+            more = self._solver.weighted(slopes[2] - slopes[0], slopes[3] - slopes[1], weight, filled)
             height += self._solver.fine(more, self._detail)
         mm_per_px = self.calibration.setup.mm_per_px
-        cells = _blended(slopes[2:], height, np.float32(self.cell_px * mm_per_px))
+        cells = _blended(slopes[2:], height, np.float32(self.cell_px * mm_per_px), filled)
         pixels = np.ascontiguousarray((self._across @ (self._up @ height).T).T)
         return VideoShape(pixels, cells, self.cell_px, mm_per_px)
 
 
-def _blended(read: Single, height: Single, cell_mm: np.float32) -> Single:
+def _blended(read: Single, height: Single, cell_mm: np.float32, filled: Mask) -> Single:
     """Slopes of cells between those read and those of the height, see `height.blended`."""
     detail, found = np.empty_like(read), np.empty_like(read)
     _details(read, detail)
     # every third cell tells the noise as well
     noise = [NOISE_PER_MEDIAN * float(np.median(np.abs(part[::3, ::3]))) for part in detail]
-    _blend(read, detail, height, cell_mm, (CLEAR * np.array(noise, np.float32)) ** 2, found)
+    _blend(read, detail, height, cell_mm, (CLEAR * np.array(noise, np.float32)) ** 2, filled, found)
     return found
 
 
@@ -205,11 +216,13 @@ class _Poisson:
         kept = 1 - np.exp(-self._squared * np.float32(sigma_cells**2 / 2))
         return np.asarray(idstn(dstn(height, type=2) * kept, type=2))
 
-    def weighted(self, p: Single, q: Single, weight: Single) -> Single:
+    def weighted(self, p: Single, q: Single, weight: Single, filled: Mask) -> Single:
         """Height whose slopes fit best, by conjugate gradients; see `height.integrate`."""
         weight = np.maximum(weight / weight.max(), np.float32(_LEAST_WEIGHT))
+        # Filled cells are small holes: their edges in the preconditioner would keep heights from settling.
         course = gaussian_filter(np.log(weight), _COURSE_CELLS, mode="nearest")
         scale = np.exp(-course / 2)
+        weight[filled] *= np.float32(FILLED)
         rest, step_of = np.empty_like(p), np.empty_like(p)
         _source(p, q, weight, rest)
         height = np.zeros_like(p)
@@ -361,7 +374,13 @@ def _details(read: Single, detail: Single) -> None:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _blend(
-    read: Single, detail: Single, height: Single, cell_mm: np.float32, least: Single, found: Single
+    read: Single,
+    detail: Single,
+    height: Single,
+    cell_mm: np.float32,
+    least: Single,
+    filled: Mask,
+    found: Single,
 ) -> None:
     """Slopes of cells; details whose square is below `least` are noise."""
     rows, columns = height.shape
@@ -373,6 +392,9 @@ def _blend(
             left, right = max(column - 1, 0), min(column + 1, columns - 1)
             rise = (height[row, right] - height[row, left]) / (cell_mm * (right - left))
             fall = (height[above, column] - height[below, column]) / (cell_mm * (below - above))
+            if filled[row, column]:
+                found[0, row, column], found[1, row, column] = rise, fall
+                continue
             for axis, slope in ((0, rise), (1, fall)):
                 fine = detail[axis, row, column]
                 even = read[axis, row, column] - fine
