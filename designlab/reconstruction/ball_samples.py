@@ -29,6 +29,9 @@ from designlab.reconstruction.setup import Setup, require_possible
 _FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
+# Contact radii around a ball that tell how large its contact is, where the thickness is known. Further out
+# slopes are so small that colours tell as much of what the dent does to the light.
+_NEAR = 1.5
 _STEEPEST = 0.9  # contact radius over the ball's: no camera sees gel of 64 deg
 
 
@@ -181,13 +184,16 @@ def known_gel(
     require_possible(setup)
     if setup.thickness_mm is not None and setup.label_bias is not None:
         return KnownGel(list(balls), setup, None)
-    _, spread, changes = _changes(balls, background, setup, membrane)
+    reach, compared = setup.flat_beyond, setup
+    if setup.thickness_mm is not None:
+        reach, compared = _NEAR, setup._replace(relative_to="place")
+    _, spread, changes = _changes(balls, background, compared, membrane)
     fit = fit_gel(
         balls,
         [change / spread for change in changes],
         [ball_view(ball, setup, membrane) for ball in balls],
         smoothing_px=setup.smoothing_px,
-        reach=setup.flat_beyond,
+        reach=reach,
         thickness_mm=setup.thickness_mm,
         label_bias=setup.label_bias,
     )

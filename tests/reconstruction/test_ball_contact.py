@@ -1,5 +1,7 @@
 """The gel under a calibration ball, against the exact integral equation, and what balls tell of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -108,6 +110,27 @@ def test_a_coating_that_rounds_the_rim_is_allowed_for():
     print(off.mean(), rest.mean())
     assert rest.max() < 0.02
     assert rest.mean() < off.mean() / 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("around", [0.92, 1.0, 1.08])
+def test_contacts_are_as_large_where_light_is_uneven(around):
+    """Light falls to a fourth across the picture; a dent may change what slopes around it do to colours."""
+    balls, background = made(2.0, 0.1)
+    fall = (1.6 - 1.2 * COLUMNS / SHAPE[1])[..., None]
+    lit = []
+    for ball in balls:
+        far = np.hypot(COLUMNS - ball.centre_px[0], ROWS - ball.centre_px[1])
+        strength = np.where(far < ball.contact_radius_px / 1.1, 1.0, around)[..., None]
+        lit.append(replace(ball, image=fall * (background + strength * (ball.image - background))))
+    setup = Setup(RADIUS_MM, PITCH_MM, smoothing_px=1.0, thickness_mm=2.0)
+    found = known_gel(lit, fall * background, setup).fit.contact_radii_px * PITCH_MM
+    truth = [
+        press_ball(ElasticBase(1.0, POISSON, 2.0), ball_radius_mm=RADIUS_MM, depth_mm=depth).contact_radius_mm
+        for depth in DEPTHS_MM
+    ]
+    print(found / truth)
+    assert np.abs(found / truth - 1).max() < (0.01 if around == 1.0 else 0.02)
 
 
 @pytest.mark.slow
