@@ -29,9 +29,9 @@ from designlab.reconstruction.setup import Setup, require_possible
 _FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
-# Contact radii around a ball that tell how large its contact is, where the thickness is known. Further out
-# slopes are so small that colours tell as much of what the dent does to the light.
-_NEAR = 1.5
+# Radii of the circle around a ball that tell how large its contact is, where the thickness is known. Further
+# out slopes are so small that colours tell as much of what the dent does to the light.
+_NEAR = 1.3
 _STEEPEST = 0.9  # contact radius over the ball's: no camera sees gel of 64 deg
 
 
@@ -174,7 +174,8 @@ def known_gel(
     Parameters
     ----------
     balls, background, setup, membrane
-        See `lab.calibrate`; centres are best refined before.
+        See `lab.calibrate`; centres are best refined before. Where the thickness is stated, changes relative
+        to the same place and pixels near the contacts are compared, whatever the setup says.
 
     Raises
     ------
@@ -186,7 +187,8 @@ def known_gel(
         return KnownGel(list(balls), setup, None)
     reach, compared = setup.flat_beyond, setup
     if setup.thickness_mm is not None:
-        reach, compared = _NEAR, setup._replace(relative_to="place")
+        # bright and dark places then tell the same of a slope
+        reach, compared = min(_NEAR, setup.flat_beyond), setup._replace(relative_to="place")
     _, spread, changes = _changes(balls, background, compared, membrane)
     fit = fit_gel(
         balls,

@@ -91,8 +91,9 @@ def drift_between(
         ratio = _blocks(image) / np.maximum(untouched.blocks, 1e-3)
     else:
         bare = _parted(free[..., None])[..., 0]
+        pixels = bare.shape[1] * bare.shape[3]
         now, before = (
-            np.einsum("apbqc,apbq->abc", _parted(each), bare.astype(each.dtype))
+            np.einsum("apbqc,apbq->abc", _parted(each), bare.astype(each.dtype)) / pixels
             for each in (image, untouched.image)
         )
         ratio = np.asarray(now / np.maximum(before, 1e-3))
@@ -153,16 +154,16 @@ def _parted(image: NDArray[Any]) -> NDArray[Any]:
 def _most_common(ratio: Array) -> tuple[Array, Mask]:
     """The ratio, (channels,), with the most others near it, and which those are."""
 
-    def near(those: Array, value: Array) -> Mask:
-        # channels first, which is many times faster
-        return np.asarray((np.abs(those.T / value[:, None] - 1) < ALIKE).all(axis=0))
+    def near(by_channel: Array, value: Array) -> Mask:
+        return np.asarray((np.abs(by_channel / value[:, None] - 1) < ALIKE).all(axis=0))
 
     tried = ratio[:: max(1, len(ratio) // CANDIDATES)]
     tried = tried[(tried > 0).all(axis=-1)]
     if not len(tried):
         return np.ones(ratio.shape[-1]), np.zeros(len(ratio), dtype=bool)
-    some = ratio[:: max(1, len(ratio) // COUNTED)]
+    by_channel = np.ascontiguousarray(ratio.T)  # which is many times faster to compare
+    some = np.ascontiguousarray(by_channel[:, :: max(1, len(ratio) // COUNTED)])
     gain = max(tried, key=lambda value: int(near(some, value).sum()))
     for _ in range(ROUNDS):
-        gain = np.median(ratio[near(ratio, gain)], axis=0)
-    return gain, near(ratio, gain)
+        gain = np.median(ratio[near(by_channel, gain)], axis=0)
+    return gain, near(by_channel, gain)

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter
 from scipy.stats import t as student
 
-from designlab.core.types import Array, Mask
+from designlab.core.types import Array
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.ball_view import BallView
 from designlab.reconstruction.balls import BallPress
@@ -75,9 +75,7 @@ def fit_gel(
     the colours of that one. The contact radius of each ball is found so, at each thickness; the thickness is
     the one with the least errors, and the bias is what the circles have more than these radii, in the mean.
     Balls count by the logarithm of their squared errors, the likelihood of normal errors of unknown size.
-    Where the thickness is known, the strength of each ball's colours is free. The bias that all have in
-    common is then found once more, with strengths of their own inside contacts and around: on rendered
-    sensors radii err by 0.2 % in the mean so, in place of 0.4 % (see docs/decisions.md).
+    Where the thickness is known, the strength of each ball's colours is free.
 
     Intervals are by the jackknife: estimates without each ball in turn, and Student's distribution. That of
     the thickness is symmetric in its inverse, in which the surface varies evenly up to a half space.
@@ -177,12 +175,11 @@ def _between(tried: Array, misfit: Array) -> tuple[Array, Array]:
 
 
 class _Shown(NamedTuple):
-    """Part of a picture around a ball, and the pixels of it that are compared, `far_px` from the middle."""
+    """Part of a picture around a ball, and the pixels of it that are compared."""
 
     radius_px: float
     view: BallView
     chosen: NDArray[np.intp]
-    far_px: Array
     colour: Array
     position: Array
 
@@ -212,8 +209,7 @@ class _Shown(NamedTuple):
         across, down = np.asarray(columns / half[0] - 1), np.asarray(1 - rows / half[1])
         place = np.stack([across[box], down[box]], axis=-1).reshape(-1, 2)
         flat = colour.reshape(-1, colour.shape[-1])
-        far_px = r_px[box].ravel()[chosen]
-        return cls(ball.contact_radius_px, view.part(box), chosen, far_px, flat[chosen], place[chosen])
+        return cls(ball.contact_radius_px, view.part(box), chosen, flat[chosen], place[chosen])
 
     def samples(self, surface: BallSurface, contact_mm: float, smoothing_px: float) -> Samples:
         """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""
@@ -264,18 +260,13 @@ class _Scene(NamedTuple):
                 if self.label_bias is not None:
                     share = np.log(self.labels_mm / radii_mm).mean() - np.log1p(self.label_bias)
                     radii_mm = radii_mm * np.exp(share)
-            if self.label_bias is None and self.thickness_known:
-                for _ in range(rounds):
-                    radii_mm = self._scaled(thickness, radii_mm, _NARROW, apart=True)
             found.append(radii_mm)
             misfits.append(self._misfit(thickness, radii_mm))
         return np.array(found), np.array(misfits)
 
-    def _scaled(
-        self, thickness_mm: float, radii_mm: Array, biases: Sequence[float], *, apart: bool = False
-    ) -> Array:
-        """Contact radii less the bias, common to all, of the least misfit, see `_misfit`."""
-        misfit = np.array([self._misfit(thickness_mm, radii_mm / (1 + bias), apart=apart) for bias in biases])
+    def _scaled(self, thickness_mm: float, radii_mm: Array, biases: Sequence[float]) -> Array:
+        """Contact radii less the bias, common to all, of the least misfit."""
+        misfit = np.array([self._misfit(thickness_mm, radii_mm / (1 + bias)) for bias in biases])
         fine, evidence = _between(np.array(biases), misfit)
         return np.asarray(radii_mm / (1 + fine[evidence.mean(axis=1).argmin()]))
 
@@ -305,17 +296,10 @@ class _Scene(NamedTuple):
             rows.append([self._error(fit, own) for fit, own in zip(fits, others, strict=True)])
         return np.array(rows)
 
-    def _misfit(self, thickness_mm: float, radii_mm: Array, *, apart: bool = False) -> Array:
-        """Mean squared error of the colours of each ball, as predicted by the others.
-
-        Colours inside the contacts and around them have strengths of their own if `apart`.
-        """
+    def _misfit(self, thickness_mm: float, radii_mm: Array) -> Array:
+        """Mean squared error of the colours of each ball, as predicted by the others."""
         _, samples, fits = self._fits(thickness_mm, radii_mm)
-        inside = [
-            each.far_px * self.mm_per_px < (radius if apart else np.inf)
-            for each, radius in zip(self.shown, radii_mm, strict=True)
-        ]
-        return np.array([self._error(*each) for each in zip(fits, samples, inside, strict=True)])
+        return np.array([self._error(fit, own) for fit, own in zip(fits, samples, strict=True)])
 
     def _fits(
         self, thickness_mm: float, radii_mm: Array
@@ -328,17 +312,13 @@ class _Scene(NamedTuple):
         ]
         return surfaces, samples, _COLOUR.fit_without_each(samples)
 
-    def _error(self, fit: Predictor, samples: Samples, inside: Mask | None = None) -> float:
+    def _error(self, fit: Predictor, samples: Samples) -> float:
         """Mean squared error of colours; whatever their strength, where the thickness is known.
 
         Deep contacts lie nearer to the lights and darken themselves. One factor a ball takes what slope and
         place do not tell, so that its rim decides how large it is. It would take from the thickness, too.
-        Pixels inside and outside have a factor each where `inside` is given.
         """
         told, colour = fit(samples.signal, samples.position), samples.slope  # what the map looks for
         if self.thickness_known:
-            inside = np.ones(len(told), dtype=bool) if inside is None else inside
-            for part in (inside, ~inside):
-                power = max((told[part] ** 2).sum(), _NOTHING)
-                told[part] *= max((told[part] * colour[part]).sum(), 0.0) / power
+            told = told * max((told * colour).sum(), 0.0) / max((told**2).sum(), _NOTHING)
         return float(((told - colour) ** 2).mean())

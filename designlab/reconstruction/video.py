@@ -162,8 +162,9 @@ def _blended(read: Single, height: Single, cell_mm: np.float32, filled: Mask) ->
     """Slopes of cells between those read and those of the height, see `height.blended`."""
     detail, found = np.empty_like(read), np.empty_like(read)
     _details(read, detail)
-    # every third cell tells the noise as well
-    noise = [NOISE_PER_MEDIAN * float(np.median(np.abs(part[::3, ::3]))) for part in detail]
+    # every third cell tells the noise as well; what was filled in has none
+    told = [np.abs(part[::3, ::3][~filled[::3, ::3]]) for part in detail]
+    noise = [NOISE_PER_MEDIAN * float(np.median(part)) if part.size else 0.0 for part in told]
     _blend(read, detail, height, cell_mm, (CLEAR * np.array(noise, np.float32)) ** 2, filled, found)
     return found
 

@@ -40,6 +40,22 @@ def test_brightness_and_white_balance_are_found_beside_a_press(gain, contact_px)
     assert max(found.gain_error) < 0.01
 
 
+@pytest.mark.parametrize("gain", GAINS)
+@pytest.mark.parametrize("dots", [False, True])
+def test_brightness_is_found_in_a_large_picture(gain, dots):
+    """Of 480 x 640 pixels, of which dots that may be left out hide a part, and a press another."""
+    rows, columns = np.indices((480, 640))
+    untouched = (0.5 + 0.2 * columns / 640)[..., None] * np.ones(3)
+    image = untouched * np.array(gain) + 0.005 * np.random.default_rng(3).normal(size=untouched.shape)
+    image[100:300, 150:400] *= (1.5, 0.7, 1.1)
+    hidden = np.hypot(rows % 40 - 20, columns % 40 - 20) < 4
+    image[hidden] *= 0.1 if dots else 1.0
+    found = drift_between(Untouched.of(untouched), image, place=False, free=~hidden if dots else None)
+    assert found.known
+    np.testing.assert_allclose(found.gain, gain, atol=0.005)
+    assert found.untouched == pytest.approx(1 - 200 * 250 / (480 * 640), abs=0.03)
+
+
 @pytest.mark.parametrize(("right", "up"), [(3, 0), (-2, 5), (0, -4)])
 def test_a_gel_that_moves_is_found_beside_a_press(right, up):
     textured = UNTOUCHED * (1 + GRAIN)
