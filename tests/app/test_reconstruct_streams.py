@@ -251,6 +251,18 @@ def test_bad_pictures_are_refused_or_read_as_they_are(said, tmp_path):
     assert all(str(tmp_path) in reason for reason in refused.values())
 
 
+def test_a_folder_without_shapes_takes_those_of_another_run(calibration_file, said, tmp_path, capsys):
+    write_image(tmp_path / "small.png", pressed()[:50])
+    write_image(tmp_path / "press.png", pressed())
+    out = str(tmp_path / "out")
+    words = ["reconstruct", str(tmp_path / "small.png"), "--calibration", str(calibration_file), "--out", out]
+    assert cli.main(words) == 2
+    assert "no picture could be used" in capsys.readouterr().err
+    status, told, _ = said(tmp_path / "press.png", "--out", out)  # by another mode
+    assert status == 0
+    assert [row["name"] for row in told["shapes"]] == ["press"]
+
+
 def test_drift_is_said_in_json_for_background_and_pictures(said, tmp_path):
     write_image(tmp_path / "press.png", np.clip(1.1 * pressed(), 0, 1))
     write_image(tmp_path / "today.png", 0.9 * UNTOUCHED)

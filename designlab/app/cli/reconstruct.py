@@ -60,9 +60,7 @@ def reconstruct(args: Namespace) -> Result:
     remove_partial(out)
     refused: list[dict[str, str]] = []
     with Journal(out / RECORD) as journal:
-        if not journal.rows:
-            journal.append({"run": run})
-        if journal.rows[0].get("run") != run:
+        if journal.rows and journal.rows[0].get("run") != run:
             raise ValueError(
                 f"--out: {out} holds shapes by another calibration, background, mode, mesh or gel; choose a "
                 "new folder"
@@ -86,6 +84,8 @@ def reconstruct(args: Namespace) -> Result:
                     row = _reconstructed(one, used, out, kinds, args.mesh, modulus, refused)
                     if row is None:
                         continue
+                    if not journal.rows:  # a run without a shape leaves the folder free for others
+                        journal.append({"run": run})
                     journal.append(row)
                     done[one.key] = row
                     if folder is not None:
