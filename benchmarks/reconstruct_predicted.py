@@ -36,7 +36,8 @@ from designlab.inference.calibration.balls import calibrate_balls
 from designlab.inference.calibration.from_model import Gel, membrane_of
 from designlab.reconstruction import normals
 from designlab.reconstruction.calibration_file import save_calibration
-from designlab.reconstruction.reconstructor import Mode, Reconstructor
+from designlab.reconstruction.contact_pressure import Mode
+from designlab.reconstruction.reconstructor import Reconstructor
 from designlab.sensor.design import Design, preset
 from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Frame, Simulator, exposure

@@ -35,9 +35,10 @@ from designlab.reconstruction.ball_view import ball_view
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.calibration_file import Kept
 from designlab.reconstruction.centres import refine_centres
+from designlab.reconstruction.contact_pressure import Mode
 from designlab.reconstruction.lab import calibrations_without_each
 from designlab.reconstruction.markers import Markers, without
-from designlab.reconstruction.reconstructor import Mode, Reconstructor
+from designlab.reconstruction.reconstructor import Reconstructor
 from designlab.reconstruction.setup import Setup
 
 Array = NDArray[np.float64]

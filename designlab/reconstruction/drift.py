@@ -1,5 +1,6 @@
-"""What has changed since the untouched gel, beside a press: brightness, white balance, place."""
+"""What has changed since the untouched gel: brightness, white balance, place; what of it is corrected."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -18,6 +19,11 @@ SURE = 0.01  # standard error of the ratio from which it is not known
 INDEPENDENT = 9  # blocks that err alike: the light's unevenness, compressed video
 EDGE = 3  # blocks over which what is touched is faded out
 STANDS_OUT = 8  # standard deviations of the correlation from which a shift is one
+MOVED_PX = 1.0  # of the untouched gel
+PRESS_MOVED_PX = 2.0  # of the gel beside a press, which may drag it along by a pixel
+DRIFTED = 0.03  # change of the light, relative, from which it is told
+LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
+MOST_GAIN = 2.0  # change of brightness that is still corrected
 
 
 class Drift(NamedTuple):
@@ -136,6 +142,71 @@ def shift_px(before: Array, now: Array, untouched: Mask | None = None) -> tuple[
     down = int((row + rows // 2) % rows - rows // 2)
     right = int((column + columns // 2) % columns - columns // 2)
     return right, -down
+
+
+def changed_since(before: Array, now: Array) -> tuple[str, ...]:
+    """Say what has changed between two pictures of the untouched gel, shape (rows, columns, channels)."""
+    found = []
+    ratio = now.mean(axis=(0, 1)) / before.mean(axis=(0, 1))
+    if np.abs(ratio - 1).max() > DRIFTED:
+        told = ", ".join(f"{value - 1:+.0%}" for value in ratio)
+        found.append(f"the untouched gel is brighter by {told} (R, G, B) than when it was calibrated")
+    moved = shift_px(before.mean(axis=-1), now.mean(axis=-1))
+    if moved is not None and np.hypot(*moved) >= MOVED_PX:
+        found.append(
+            f"the untouched gel has moved by {moved[0]:+d} px to the right and {moved[1]:+d} px up since "
+            "it was calibrated: calibrate again, or put gel and camera back"
+        )
+    rest = gaussian_filter(now / ratio - before, (3, 3, 0)) / before.mean(axis=(0, 1))
+    if rest.std() > DRIFTED:
+        found.append(
+            f"the light on the untouched gel has changed by {rest.std():.0%} in places since the "
+            "calibration: calibrate again"
+        )
+    return tuple(found)
+
+
+def levelled(image: Array, drift: Drift, usual_gain: Sequence[float] | None) -> tuple[Array, list[str]]:
+    """Give a picture the brightness that the balls' pictures had, and say what has drifted.
+
+    Parameters
+    ----------
+    image : array, shape (rows, columns, channels)
+        The picture.
+    drift : Drift
+        Its change against the untouched gel.
+    usual_gain : sequence of float or None
+        Brightness of the balls' pictures over that of the untouched gel; None corrects nothing.
+
+    Returns
+    -------
+    array, list of str
+        The picture, and warnings.
+    """
+    if drift.untouched < LEAST_UNTOUCHED:
+        return image, [
+            f"only {drift.untouched:.0%} of the picture looks like the untouched gel: is it the sensor "
+            "that was calibrated, with its light and place as then? Give today's untouched gel as the "
+            "background, or calibrate again"
+        ]
+    warnings = []
+    if drift.shift_px is not None and np.hypot(*drift.shift_px) >= PRESS_MOVED_PX:
+        warnings.append(
+            f"the gel has moved by {drift.shift_px[0]:+d} px to the right and {drift.shift_px[1]:+d} px "
+            "up since its untouched picture: put gel and camera back, or take that picture again"
+        )
+    gain = np.array(drift.gain) / np.array(usual_gain or 1.0)
+    if not drift.known or np.abs(gain - 1).max() <= DRIFTED:
+        return image, warnings
+    told = ", ".join(f"{value - 1:+.0%}" for value in gain)
+    said = f"brightness has changed by {told} (R, G, B) where nothing touches the gel"
+    if usual_gain is None or max(gain.max(), 1 / gain.min()) > MOST_GAIN:
+        return image, [
+            *warnings,
+            f"{said}, and is not corrected: take today's untouched gel as the background",
+        ]
+    warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
+    return image * np.asarray(1 / gain, dtype=image.dtype), warnings
 
 
 def _blocks(image: Array) -> Array:

@@ -3,151 +3,44 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter, label
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from designlab.core.images import resize_area
 from designlab.core.types import Array, Mask
-from designlab.mechanics.surface_pressure import (
-    ITERATIONS,
-    PRESSED_IN,
-    ForceRange,
-    SurfacePressure,
-    pressure_under,
-)
+from designlab.mechanics.surface_pressure import SurfacePressure
 from designlab.mechanics.surface_shear import FEWEST, SurfaceShear, shear_under
 from designlab.reconstruction.calibration_file import Kept, load_calibration
-from designlab.reconstruction.drift import Drift, Untouched, drift_between, shift_px
+from designlab.reconstruction.contact_pressure import EFFORT, Mode, PressureSolver, at_pixels, contact_of
+from designlab.reconstruction.drift import (
+    LEAST_UNTOUCHED,
+    Drift,
+    Untouched,
+    changed_since,
+    drift_between,
+    levelled,
+)
 from designlab.reconstruction.height import border_surface
 from designlab.reconstruction.lab import LabCalibration
 from designlab.reconstruction.markers import Markers, MovedMarkers, on_cells, without
+from designlab.reconstruction.press_shape import MarkerShift, PressShape
 
 if TYPE_CHECKING:
     from designlab.reconstruction.video import VideoMaps
 
-Mode = Literal["accurate", "video"]
-
-
-class _Effort(NamedTuple):
-    """How finely pressure is solved for: points along the longer side, iterations, and where contact ends.
-
-    Contact is where pressure is above a share of the highest of the same contact: coarse points blur edges.
-    """
-
-    points: int
-    iterations: int
-    touched: float
-
-
-EFFORT: dict[Mode, _Effort] = {
-    "accurate": _Effort(140, ITERATIONS, 0.1),
-    "video": _Effort(64, 30, 0.15),
-}
 ASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
-LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
-BLUR = 2.0  # standard deviations of the smoothing, within which a point is blurred
-ABOVE_REST = 3.0  # root mean squares of what pressure does not explain, by which a contact presses in
 FULL = 0.995  # of full scale from which a pixel is clipped
 MOST_CLIPPED = 0.05  # share of the pixels that change
 MOST_STRANGE = 0.1  # likewise, of colours that the balls did not show
 SEEN = 0.25  # change of colour, in spreads, from which a pixel counts as changed
 LEAST_SEEN = 0.002  # share of the picture; below it nothing touches
-MOVED_PX = 1.0  # of the untouched gel
-PRESS_MOVED_PX = 2.0  # of the gel beside a press, which may drag it along by a pixel
-DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed for
 OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
-LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
-MOST_GAIN = 2.0  # change of brightness that is still corrected
-ROUGH, CLEAR = (
-    0.12,
-    0.5,
-)  # standard error over the shear, above which it is rough, and below which there is any
+# Standard error over the shear, above which it is rough, and below which there is any.
+ROUGH, CLEAR = 0.12, 0.5
 LOST_MARKERS = 0.3  # share of the markers, that a press may hide
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerShift:
-    """What the markers of a press show.
-
-    Attributes
-    ----------
-    places_mm : array, shape (markers, 2)
-        Places of those that were found again, right of and above the middle of the picture, untouched.
-    moved_mm : array, shape (markers, 2)
-        How far they have moved to the right and up.
-    shear : SurfaceShear or None
-        Shear that moves them so; None without a contact, or where it is not known how the camera looks on
-        the gel, since a marker that is lifted seems to move.
-    """
-
-    places_mm: Array
-    moved_mm: Array
-    shear: SurfaceShear | None
-
-    @property
-    def mean_mm(self) -> float:
-        """Mean length of the displacements."""
-        return float(np.hypot(*self.moved_mm.T).mean()) if len(self.moved_mm) else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class PressShape:
-    """The shape that one picture shows.
-
-    Attributes
-    ----------
-    height_mm : array, shape (rows, columns)
-        How far the gel is pressed in; negative where it bulges.
-    normals : array, shape (rows, columns, 3)
-        Unit normals in the sensor frame: x right, y up, z towards the camera; not quite those of the height,
-        see `height.blended`.
-    contact : bool array, shape (rows, columns)
-        Where something touches the gel, see `mechanics.surface_pressure`.
-    depth_mm : float
-        Deepest point.
-    contact_area_mm2 : float
-        Area of the contact.
-    pressure : SurfacePressure or None
-        Pressure over the gel's modulus, on a coarser grid; None where nothing touches.
-    warnings : tuple of str
-        What speaks against the result, each with what to do.
-    drift : Drift
-        What has changed against the untouched gel beside the press.
-    markers : MarkerShift or None
-        How printed markers have moved; None on a gel without them.
-    """
-
-    height_mm: Array
-    normals: Array
-    contact: Mask
-    depth_mm: float
-    contact_area_mm2: float
-    pressure: SurfacePressure | None
-    warnings: tuple[str, ...]
-    drift: Drift
-    markers: MarkerShift | None = None
-
-    def force_n(self, modulus_mpa: float) -> float:
-        """Force on the gel, of a modulus in MPa, by an object that carries the skin along."""
-        return 0.0 if self.pressure is None else self.pressure.force_n(modulus_mpa)
-
-    def force_range(self, modulus_mpa: float, modulus_sd_mpa: float = 0.0) -> ForceRange:
-        """Force on the gel with its 95 % interval, see `SurfacePressure.force_range`."""
-        if self.pressure is None:
-            return ForceRange(0.0, 0.0, 0.0)
-        return self.pressure.force_range(modulus_mpa, modulus_sd_mpa)
-
-    def shear_n(self, modulus_mpa: float) -> tuple[float, float] | None:
-        """Shear force to the right and up on the gel, of a modulus in MPa; None where it is not known."""
-        if self.markers is None or self.markers.shear is None:
-            return None
-        return self.markers.shear.force_n(modulus_mpa)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,19 +124,9 @@ class Reconstructor:
         return self.kept.calibration
 
     @cached_property
-    def _coarser(self) -> dict[Mode, tuple[csr_array, csr_array]]:
-        """Means over the points on which pressure is solved for, down and across the picture."""
+    def _solver(self) -> PressureSolver:
         rows, columns = self.calibration.background.shape[:2]
-
-        def means(effort: _Effort) -> tuple[csr_array, csr_array]:
-            coarser = max(1.0, max(rows, columns) / effort.points)
-            down, across = (
-                csr_array(resize_area(np.eye(side, dtype=np.float32), round(side / coarser), side))
-                for side in (rows, columns)
-            )
-            return down, across
-
-        return {mode: means(effort) for mode, effort in EFFORT.items()}
+        return PressureSolver(self.calibration.setup, (rows, columns))
 
     def on(self, background: ArrayLike) -> Self:
         """Return the same for another picture of the untouched gel, such as today's.
@@ -287,24 +170,7 @@ class Reconstructor:
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
         before, now = (each.calibration.background for each in (self, self.on(background)))
-        found = []
-        ratio = now.mean(axis=(0, 1)) / before.mean(axis=(0, 1))
-        if np.abs(ratio - 1).max() > DRIFTED:
-            told = ", ".join(f"{value - 1:+.0%}" for value in ratio)
-            found.append(f"the untouched gel is brighter by {told} (R, G, B) than when it was calibrated")
-        moved = shift_px(before.mean(axis=-1), now.mean(axis=-1))
-        if moved is not None and np.hypot(*moved) >= MOVED_PX:
-            found.append(
-                f"the untouched gel has moved by {moved[0]:+d} px to the right and {moved[1]:+d} px up since "
-                "it was calibrated: calibrate again, or put gel and camera back"
-            )
-        rest = gaussian_filter(now / ratio - before, (3, 3, 0)) / before.mean(axis=(0, 1))
-        if rest.std() > DRIFTED:
-            found.append(
-                f"the light on the untouched gel has changed by {rest.std():.0%} in places since the "
-                "calibration: calibrate again"
-            )
-        return tuple(found)
+        return changed_since(before, now)
 
     def __call__(self, image: ArrayLike, *, mask: Mask | None = None, pressure: bool = True) -> PressShape:
         """Reconstruct one picture.
@@ -345,7 +211,7 @@ class Reconstructor:
                 # nothing is filled in from pixels that are not to be used
                 values = without(values, filled if mask is None else filled | ~mask)
         drift = drift_between(self._untouched, values, place=not video, free=free)
-        used, warnings = self._levelled(values, drift)
+        used, warnings = levelled(values, drift, self.kept.about.get("usual_gain"))
         change = self.video.change(used, covered) if video else self.calibration.change(used, mask)
         seen = np.einsum("rcd,rcd->rc", change, change) > SEEN**2
         warnings += self._doubts(values[::cell_px, ::cell_px], change, seen, drift)
@@ -366,15 +232,15 @@ class Reconstructor:
         # touches near the border is worth a second look.
         efforts: tuple[Mode, ...] = ("video",) if video else ("video", "accurate" if pressure else "video")
         for effort in efforts:
-            pressed = self._pressure(height, effort)
-            beyond = _at_pixels(border_surface(pressed.surface_mm), height.shape).astype(height.dtype)
+            pressed = self._solver.under(height, effort)
+            beyond = at_pixels(border_surface(pressed.surface_mm), height.shape).astype(height.dtype)
             height = shape.height_mm + beyond
         found = pressed if pressure else None
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
             smoothing_px = max(self.calibration.setup.smoothing_px, cell_px / 2)
-            contact = _contact(found, height.shape, EFFORT[self.mode].touched, smoothing_px)
+            contact = contact_of(found, height.shape, EFFORT[self.mode].touched, smoothing_px)
         shift = None if moved is None else self._shift(moved, height, found)
         if moved is not None and self.markers is not None:
             warnings += _lost(moved, self.markers)
@@ -410,47 +276,6 @@ class Reconstructor:
         if pressure is not None and len(places) >= FEWEST:
             shear = shear_under(places, shifts, pressure)
         return MarkerShift(places, shifts, shear)
-
-    def _levelled(self, image: Array, drift: Drift) -> tuple[Array, list[str]]:
-        """The picture with the brightness that the balls' pictures had, and what has drifted."""
-        if drift.untouched < LEAST_UNTOUCHED:
-            return image, [
-                f"only {drift.untouched:.0%} of the picture looks like the untouched gel: is it the sensor "
-                "that was calibrated, with its light and place as then? Give today's untouched gel as the "
-                "background, or calibrate again"
-            ]
-        warnings = []
-        if drift.shift_px is not None and np.hypot(*drift.shift_px) >= PRESS_MOVED_PX:
-            warnings.append(
-                f"the gel has moved by {drift.shift_px[0]:+d} px to the right and {drift.shift_px[1]:+d} px "
-                "up since its untouched picture: put gel and camera back, or take that picture again"
-            )
-        usual = self.kept.about.get("usual_gain")
-        gain = np.array(drift.gain) / np.array(usual or 1.0)
-        if not drift.known or np.abs(gain - 1).max() <= DRIFTED:
-            return image, warnings
-        told = ", ".join(f"{value - 1:+.0%}" for value in gain)
-        said = f"brightness has changed by {told} (R, G, B) where nothing touches the gel"
-        if usual is None or max(gain.max(), 1 / gain.min()) > MOST_GAIN:
-            return image, [
-                *warnings,
-                f"{said}, and is not corrected: take today's untouched gel as the background",
-            ]
-        warnings.append(f"{said}; this is corrected. Fix exposure and white balance of the camera")
-        return image * np.asarray(1 / gain, dtype=image.dtype), warnings
-
-    def _pressure(self, height_mm: Array, effort: Mode) -> SurfacePressure:
-        setup = self.calibration.setup
-        assert setup.thickness_mm is not None  # of every calibration
-        down, across = self._coarser[effort]
-        small = (across @ (down @ height_mm).T).T
-        return pressure_under(
-            np.ascontiguousarray(small, dtype=height_mm.dtype),
-            poisson=setup.poisson,
-            thickness_mm=setup.thickness_mm,
-            pitch_mm=setup.mm_per_px * height_mm.shape[1] / small.shape[1],
-            iterations=EFFORT[effort].iterations,
-        )
 
     def _doubts(self, image: Array, change: Array, seen: Mask, drift: Drift) -> list[str]:
         """What of a picture the calibration knows nothing of; a picture of another sensor is refused."""
@@ -514,51 +339,6 @@ def _rough(shear: SurfaceShear) -> list[str]:
         f"the shear is known to {shear.relative_error:.0%} only (standard error): it is small beside the "
         "pressing force, or few markers near the contact were found again"
     ]
-
-
-def _contact(found: SurfacePressure, shape: tuple[int, ...], touched: float, smoothing_px: float) -> Mask:
-    """Where the pressure of each contact is a share of its own highest, on the pixels of the picture.
-
-    No contact is what goes less deep than a contact does somewhere, presses the surface in no deeper than
-    what pressure does not explain of it anyway, or is no larger than a point of the blurred picture.
-    """
-    pressure, near = found.pressure, np.ones((3, 3))
-    parts, count = label(pressure > LEAST_TOUCHED * pressure.max(), near)
-    peaks = np.array([0.0, *(pressure[parts == part].max() for part in range(1, count + 1))])
-    least = np.where(parts > 0, touched * peaks.astype(pressure.dtype)[parts], np.inf)
-    islands, count = label(pressure > least, near)
-    deep = PRESSED_IN * found.height_mm.max()
-    for island in range(1, count + 1):
-        own = islands == island
-        if found.height_mm[own].max() < deep or found.lift_mm(own) < ABOVE_REST * found.rest_mm:
-            # nor is what is beside it larger by it
-            pressure, least = np.where(own, 0, pressure), np.where(own, np.inf, least)
-    pressure = _at_pixels(pressure, shape)
-    for axis, length in enumerate(shape):
-        low, _ = _between(length, least.shape[axis])
-        # a contact may end half a point beyond its last
-        least = np.minimum(least.take(low, axis), least.take(low + 1, axis))
-    islands, count = label(pressure > least, near)
-    areas = np.bincount(islands.ravel(), minlength=count + 1)
-    areas[0] = 0
-    large = areas > min(np.pi * (BLUR * smoothing_px) ** 2, 0.99 * areas.max())
-    return np.asarray(large[islands])
-
-
-def _at_pixels(values: Array, shape: tuple[int, ...]) -> Array:
-    """Values on points, at the pixels of a picture, by linear interpolation."""
-    for axis, length in enumerate(shape):
-        low, share = _between(length, values.shape[axis])
-        share = np.expand_dims(share.astype(values.dtype), 1 - axis)
-        values = (1 - share) * values.take(low, axis) + share * values.take(low + 1, axis)
-    return values
-
-
-def _between(pixels: int, points: int) -> tuple[NDArray[np.int_], Array]:
-    """For each pixel of a side the point before it, and the share of the way to the next."""
-    at = np.clip((np.arange(pixels) + 0.5) * points / pixels - 0.5, 0, points - 1)
-    low = np.minimum(at.astype(int), points - 2)
-    return low, at - low
 
 
 def _sizes(given: Array, shape: tuple[int, int, int]) -> str:

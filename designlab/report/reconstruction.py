@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 from designlab.core.images import png_bytes, tone_map, write_image
 from designlab.core.store import write_atomic
 from designlab.core.types import Array
-from designlab.reconstruction.reconstructor import MarkerShift, PressShape
+from designlab.reconstruction.press_shape import MarkerShift, PressShape
 from designlab.report.evaluation_plots import normal_colours
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import (

@@ -13,8 +13,8 @@ from designlab.core.images import read_image, write_image
 from designlab.mechanics.grid_response import symbol
 from designlab.mechanics.layer import ElasticLayer
 from designlab.mechanics.surface_pressure import pressure_under
-from designlab.reconstruction import reconstructor
 from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration
+from designlab.reconstruction.contact_pressure import contact_of
 from designlab.reconstruction.height import border_surface, gradients_of, integrate
 from designlab.reconstruction.markers import Markers
 from designlab.reconstruction.reconstructor import Reconstructor
@@ -246,7 +246,7 @@ def test_specks_are_no_contacts(specks, noise_um, second_px):
     height = np.fft.irfft2(spectrum, s=(180, 240))[:90, :120]
     height += noise_um / 1000 * gaussian_filter(random.normal(size=height.shape), 1.0) * 3.5
     found = pressure_under(height, poisson=0.49, thickness_mm=2.0, pitch_mm=pitch_mm)
-    contact = reconstructor._contact(found, (180, 240), 0.1, 2.0)
+    contact = contact_of(found, (180, 240), 0.1, 2.0)
     assert label(contact, np.ones((3, 3)))[1] == (1 if second_px is None else 2)
     assert contact[80, 90]
     assert second_px is None or contact[120, 180]

@@ -19,7 +19,7 @@ from designlab.core.store import digest, remove_partial, write_json
 if TYPE_CHECKING:
     from designlab.app.cli.incoming import Incoming
     from designlab.app.cli.shape_source import Used
-    from designlab.reconstruction.reconstructor import PressShape
+    from designlab.reconstruction.press_shape import PressShape
 
 RECORD, RESULT, PAGE = "shapes.jsonl", "shapes.json", "report.html"
 KINDS = ("height", "tiff", "exr", "normals", "contact", "mesh", "picture")

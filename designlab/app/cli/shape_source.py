@@ -16,7 +16,8 @@ from designlab.core.progress import bar
 from designlab.core.store import digest
 from designlab.measurement.importing.conversion import decoded
 from designlab.reconstruction.calibration_file import Kept, load_calibration, save_calibration
-from designlab.reconstruction.reconstructor import Mode, Reconstructor
+from designlab.reconstruction.contact_pressure import Mode
+from designlab.reconstruction.reconstructor import Reconstructor
 
 if TYPE_CHECKING:
     from designlab.inference.calibration.from_model import Crop
