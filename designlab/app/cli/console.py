@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from designlab.app.cli.arguments import UsageError, parse
+from designlab.app.cli.arguments import parse
+from designlab.app.cli.arguments.options import UsageError
 from designlab.app.failures import OWN_PACKAGES, judged
 from designlab.core.plain import plain
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from designlab.app.cli.arguments import UsageError
+from designlab.app.cli.arguments.options import UsageError
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
 from designlab.core.journal import Journal

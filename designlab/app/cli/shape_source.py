@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.app.cli.arguments import UsageError
+from designlab.app.cli.arguments.options import UsageError
 from designlab.core.images import read_picture
 from designlab.core.progress import bar
 from designlab.core.store import digest

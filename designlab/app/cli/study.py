@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from designlab.app.cli.arguments import STORAGE_VARIABLE
+from designlab.app.cli.arguments.studies import STORAGE_VARIABLE
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
 from designlab.core.progress import bar
