@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from designlab.app.python import diagnose as diagnose
     from designlab.app.python import draw as draw
     from designlab.app.python import export as export
-    from designlab.evaluation.evaluate import Score as Score
+    from designlab.evaluation.score import Score as Score
     from designlab.measurement.light_probe.ball import LightProbe as LightProbe
     from designlab.measurement.light_probe.picture import light_probe as light_probe
     from designlab.optimization.study.sweep import optimise as optimise
@@ -53,7 +53,7 @@ _HOMES = {
     "Press": "designlab.simulation.contact.press",
     "Surface": "designlab.simulation.contact.surface",
     "render": "designlab.simulation.simulator",
-    "Score": "designlab.evaluation.evaluate",
+    "Score": "designlab.evaluation.score",
     "Reconstructor": "designlab.reconstruction.reconstructor",
     "evaluate": "designlab.report.evaluation_folder",
     "sweep": "designlab.optimization.study",

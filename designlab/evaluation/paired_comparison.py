@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from designlab.evaluation.evaluate import Score
 from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.press_scores import PRESS_FIGURES, press_chances
+from designlab.evaluation.score import Score
 from designlab.simulation.effects.model import SensorModel
 
 LEVEL = 0.95

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from designlab.core.store import write_atomic
-from designlab.evaluation.evaluate import Score
 from designlab.evaluation.paired_comparison import Difference
+from designlab.evaluation.score import Score
 from designlab.report.page import (
     Column,
     Html,

@@ -8,8 +8,8 @@ from designlab.core.run_folder import require_writable
 from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Progress
 from designlab.evaluation import evaluate as evaluation
-from designlab.evaluation.evaluate import Evaluation, Score
 from designlab.evaluation.press_plan import PressPlan
+from designlab.evaluation.score import Evaluation, Score
 from designlab.reconstruction import KernelCalibration
 from designlab.report.evaluation_plots import Scale, figures
 from designlab.report.figures import write_figure

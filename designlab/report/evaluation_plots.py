@@ -9,9 +9,9 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.core.images import tone_map
 from designlab.core.types import Array, Mask
-from designlab.evaluation.evaluate import Evaluation
 from designlab.evaluation.protocol import Reconstruction
 from designlab.evaluation.response_maps import counted_at, sensing_area
+from designlab.evaluation.score import Evaluation
 from designlab.evaluation.weakest_point import Place
 from designlab.report.figures import new_figure
 from designlab.report.plots import (

@@ -5,7 +5,7 @@ import pytest
 
 import designlab as dl
 from designlab.core.images import write_image
-from designlab.evaluation.evaluate import Score
+from designlab.evaluation.score import Score
 from designlab.sensor.design import (
     DesignError,
     InfeasibleDesign,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from designlab.evaluation.evaluate import Score
 from designlab.evaluation.illumination_scores import Estimate, TransportError
 from designlab.evaluation.paired_comparison import differences
 from designlab.evaluation.press_plan import PressPlan
 from designlab.evaluation.press_scores import PRESS_FIGURES, pooled
+from designlab.evaluation.score import Score
 
 PLAN = PressPlan(area_mm=(16.0, 12.0))
 

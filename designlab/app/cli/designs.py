@@ -18,8 +18,8 @@ from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
-    from designlab.evaluation.evaluate import Evaluation
     from designlab.evaluation.press_plan import PressPlan
+    from designlab.evaluation.score import Evaluation
     from designlab.measurement import Measurement
     from designlab.measurement.compare import Comparison
     from designlab.report.evaluation_plots import Scale

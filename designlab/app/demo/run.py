@@ -18,7 +18,7 @@ from designlab.report.page import link
 from designlab.sensor.design import Design, preset
 
 if TYPE_CHECKING:
-    from designlab.evaluation.evaluate import Score
+    from designlab.evaluation.score import Score
 
 SENSOR = "default"
 MEASURED = "gelsight-2020-flat"  # sensor that the real pictures are of

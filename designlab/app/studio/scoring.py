@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 from designlab.app.studio.newest import Superseded
 from designlab.app.studio.pictures import unless
-from designlab.evaluation.evaluate import Score, evaluate
+from designlab.evaluation.evaluate import evaluate
 from designlab.evaluation.paired_comparison import differences
+from designlab.evaluation.score import Score
 from designlab.report.page import rounded
 from designlab.report.yardsticks import judged
 from designlab.sensor.design import Design

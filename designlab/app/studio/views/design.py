@@ -15,7 +15,7 @@ from designlab.app.studio.views.press import PressKnobs
 from designlab.app.studio.views.scores import Scores
 from designlab.app.studio.views.sensor3d import Sensor3d
 from designlab.app.studio.views.stage import Stage, call, membrane_mm, place_of
-from designlab.evaluation.evaluate import Score
+from designlab.evaluation.score import Score
 from designlab.sensor.design import DesignError
 from designlab.simulation.contact.press import Press
 from geometries.probes import REACH, Probe
