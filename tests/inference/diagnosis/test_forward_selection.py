@@ -12,6 +12,7 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, log_score
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 from designlab.inference.diagnosis.result import Candidate
+from designlab.inference.diagnosis.selection.acceptance import accepted, leads_like_dirt
 from designlab.inference.diagnosis.selection.criterion import (
     LIKE_DIRT,
     OF_PRESSES,
@@ -428,16 +429,15 @@ def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured
 
 
 def test_what_explains_less_than_dirt_in_the_guise_of_another_does_not_join(measured, monkeypatch) -> None:
-    search = ForwardSelection(measured, NAMES, [0], [3], gap=1000.0)
     before = [1250.0, 1252.0, 1248.0]
     veil, strong, weak = (
         attempt(measured, name, [left, left + 2.0, left - 2.0], before)
         for name, left in (("vignetting", 600.0), ("albedo_field", 400.0), ("contact_kernel", 800.0))
     )
     monkeypatch.setattr(Fitter, "beyond_dirt", lambda *a: a[-1] != "vignetting")
-    assert search._passed(1, [veil, weak]) == ([], None)
-    assert [c.outcome for c in search.tried] == [LIKE_DIRT, "less evidence than vignetting, which dirt makes"]
-    assert search._passed(1, [veil, strong, weak]) == ([strong], None)
+    behind = "less evidence than vignetting, which dirt makes"
+    assert accepted([veil, weak]) == ([], None, [LIKE_DIRT, behind])
+    assert accepted([veil, strong, weak])[:2] == ([strong], None)
 
 
 @pytest.mark.slow
@@ -458,7 +458,7 @@ def test_what_leads_settles_before_it_is_taken_for_dirt(bank, renders, monkeypat
     assert best.name == "contact_kernel"
     first = search._attempt("contact_kernel", start)
     assert OF_PRESSES.refused(first) == LIKE_DIRT
-    assert not search._leads_like_dirt(first, [first])  # from pictures about null
+    assert not leads_like_dirt(first, [first])  # from pictures about null
     monkeypatch.setattr(ForwardSelection, "_settled", lambda _, attempt, __: attempt)
     search, start = begun(fitter, renders)
     assert search._round(1, start) is None
@@ -492,17 +492,14 @@ def test_a_value_at_its_bound_does_not_join(measured) -> None:
 
 
 def test_far_ahead_and_with_nothing_left_a_value_at_its_bound_joins(measured) -> None:
-    search = ForwardSelection(measured, NAMES, [0], [3], gap=1000.0)
     closing, leaving = at_bound(measured, 160.0), at_bound(measured, 450.0)
     far, near = (
         attempt(measured, "albedo_field", [left, left + 2.0, left - 2.0], [1250.0, 1252.0, 1248.0])
         for left in (1200.0, 600.0)
     )
-    assert search._passed(1, [closing, far]) == ([far], closing)
-    assert search.tried[-2].outcome == "passed"
-    assert search._passed(1, [closing, near]) == ([near], None)
-    assert search._passed(1, [leaving, far]) == ([far], None)
-    assert search.tried[-2].outcome == "at the bound of corner_loss"
+    assert accepted([closing, far]) == ([far], closing, ["", ""])
+    assert accepted([closing, near])[:2] == ([near], None)
+    assert accepted([leaving, far]) == ([far], None, ["at the bound of corner_loss", ""])
     # Later rounds do not ask again for what is usual.
     found = Winner("vignetting", (closing,), 0.9, unusual=True)
     assert not found.refused(closing)

@@ -13,16 +13,15 @@ from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_stren
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.likelihood.normal_equations import log_evidence
 from designlab.inference.diagnosis.result import Candidate
+from designlab.inference.diagnosis.selection.acceptance import Attempt, accepted, leads_like_dirt
 from designlab.inference.diagnosis.selection.confounding import Overlaps
 from designlab.inference.diagnosis.selection.criterion import (
-    LIKE_DIRT,
     OF_PRESSES,
     JudgedCandidate,
     difference,
     lead,
 )
 from designlab.inference.diagnosis.selection.held_out import (
-    CLOSED,
     Gain,
     Stand,
     all_leave_much,
@@ -48,10 +47,7 @@ MOVER_CONTENDING = 0.1  # of the most evidence: pictures about null tell little 
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
 SETTLINGS = 3  # likewise, of the one that joins
 STAYS_SD = 0.1  # prior standard deviations that its values may still be from where its pictures are exact
-FAR_AHEAD = 2.0  # times the evidence of any other that values not likely of built sensors have to show
 RIVAL = "numerical"
-Attempt = JudgedCandidate[Stand]
-"""A candidate of several presses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +163,14 @@ class ForwardSelection:
             self.work.tell("trying the best again")
         attempts, base = self._contended(attempts, base)
         attempts = [
-            replace(self._settled(a, base), seconds=a.seconds) if self._leads_like_dirt(a, attempts) else a
+            replace(self._settled(a, base), seconds=a.seconds) if leads_like_dirt(a, attempts) else a
             for a in attempts
         ]
         most = max((attempt.evidence.value for attempt in attempts), default=0.0)
         rivals = {a.name: a.stand.judged.state for a in attempts if self._contends(a, most)}
-        passed, unusual = self._passed(number, attempts)
+        passed, unusual, reasons = accepted(attempts)
+        for attempt, reason in zip(attempts, reasons, strict=True):
+            self._note(number, attempt, reason or "passed")
         if unusual is None and not passed:
             return None
         best, equal = self._best(passed) if unusual is None else (unusual, (unusual,))
@@ -204,40 +202,6 @@ class ForwardSelection:
             own = self.fitter.of(self.fitter.bank.with_changes(better), self.fitter.noises)
             self.fitter = self.given if alone else own
         return self.fitter
-
-    def _passed(self, number: int, attempts: Sequence[Attempt]) -> tuple[list[Attempt], Attempt | None]:
-        """Attempts that pass, and the one that does so far ahead of all though its values are not likely.
-
-        Why others do not is noted.
-        """
-        reasons = [OF_PRESSES.refused(attempt) for attempt in attempts]
-        dirt = [a for a, reason in zip(attempts, reasons, strict=True) if reason == LIKE_DIRT]
-        likeliest = max(dirt, key=lambda a: a.evidence.value, default=None)
-        if likeliest is not None:
-            reasons = [reason or _behind(a, likeliest) for a, reason in zip(attempts, reasons, strict=True)]
-        passed = [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
-        unusual = self._closing(attempts)
-        for reason, attempt in zip(reasons, attempts, strict=True):
-            self._note(number, attempt, reason if reason and attempt is not unusual else "passed")
-        return passed, unusual
-
-    def _leads_like_dirt(self, attempt: Attempt, attempts: Sequence[Attempt]) -> bool:
-        """Whether the candidate with most evidence is refused for its size alone, and far from null.
-
-        A size that is still on its way to where the pictures are exact says too little. Pictures about null
-        are left as they are, or the leader alone would have exact ones.
-        """
-        leads = attempt is max(attempts, key=lambda a: a.evidence.value)
-        return leads and is_exact(attempt.stand.fitter) and OF_PRESSES.refused(attempt) == LIKE_DIRT
-
-    def _closing(self, attempts: Sequence[Attempt]) -> Attempt | None:
-        """Attempt with values that are not likely of built sensors that closes the gap as no other does."""
-        if not attempts:
-            return None
-        first, *others = sorted(attempts, key=lambda attempt: -attempt.evidence.value)
-        ahead = all(first.evidence.value > FAR_AHEAD * other.evidence.value for other in others)
-        closes = first.stand.judged.excess < CLOSED and not OF_PRESSES.unproven(first)
-        return first if ahead and closes and OF_PRESSES.unusual(first) else None
 
     def _best(self, passed: Sequence[Attempt]) -> tuple[Attempt, tuple[Attempt, ...]]:
         """The best of those that pass, and all that do as well, itself first."""
@@ -490,13 +454,6 @@ class ForwardSelection:
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, evidence, attempt.seconds)
         )
-
-
-def _behind(attempt: Attempt, dirt: Attempt) -> str:
-    """Why a candidate does not join beside dirt that looks like another; empty if it does as well."""
-    if attempt.evidence.value > dirt.evidence.value - OF_PRESSES.as_good:
-        return ""
-    return f"less evidence than {dirt.name}, which dirt makes"
 
 
 def fitted(
