@@ -55,7 +55,17 @@ def arguments(folder, model, out, *more):
     pictures = sorted(map(str, folder.glob("press-*.exr")))
     return [
         *("reconstruct", *pictures, "--design", model, "--background", str(folder / "background-0.exr")),
-        *("--crop-px", *map(str, crop), "--out", str(out), "--files", "height", "normals", "--json", *more),
+        *(
+            "--crop-px",
+            ",".join(map(str, crop)),
+            "--out",
+            str(out),
+            "--files",
+            "height",
+            "normals",
+            "--json",
+            *more,
+        ),
     ]
 
 
@@ -194,7 +204,7 @@ def test_a_picture_that_does_not_fit_the_camera_is_refused(rows, columns, crop, 
         (("--design", "no-such", "--background", "{png}", "--response", "srgb"), "no-such"),
         (("--design", "default", "--background", "{png}", "--response", "srgb"), "proportions"),
         (("--calibration", "some.npz", "--response", "srgb"), "--response: is for --design"),
-        (("--calibration", "some.npz", "--crop-px", 0, 0, 9, 9), "--crop-px: is for --design"),
+        (("--calibration", "some.npz", "--crop-px", "0,0,9,9"), "--crop-px: is for --design"),
     ],
 )
 def test_what_is_missing_or_contradicts_is_said_in_a_line(said, tmp_path, more, rule):

@@ -183,11 +183,9 @@ def _membrane_of(args: Namespace, design: "Design") -> "Callable[[tuple[int, ...
     """How pictures show the membrane, by the design that is named."""
     from designlab.inference.calibration.from_model import membrane_of
 
-    crop_px = None if args.crop_px is None else tuple(args.crop_px)
-
     def found(shape: tuple[int, ...]) -> "Membrane":
         try:
-            return membrane_of(design, shape, crop_px=crop_px, mm_per_px=args.mm_per_px)
+            return membrane_of(design, shape, crop_px=args.crop_px, mm_per_px=args.mm_per_px)
         except ValueError as error:
             field, _, rule = str(error).partition(": ")
             options = {"crop_px": "--crop-px", "mm_per_px": "--mm-per-px"}

@@ -187,11 +187,10 @@ def source_of(args: Namespace, files: Sequence[Path]) -> Source:
         raise UsageError("--camera-mm: is for --calibration; the design states its camera")
     if args.background is None:
         raise UsageError("--design: needs --background FILE, a picture of your sensor's untouched gel")
-    crop_px = None if args.crop_px is None else tuple(args.crop_px)
     return Model(
         args.design,
         args.background,
-        crop_px,
+        args.crop_px,
         _response(args, files),
         args.mode,
         markers=args.markers == "auto",

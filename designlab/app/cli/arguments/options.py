@@ -70,9 +70,10 @@ def noted(to: Any) -> None:
     direction(to)
 
 
-def part(to: Any) -> None:
-    """What part of the full picture files show."""
-    text = "part of the camera's full picture that the files show, where not the whole"
+def part(
+    to: Any, text: str = "part of the camera's full picture that the files show, where not the whole"
+) -> None:
+    """Part of the full picture that files show."""
     option(to, "--crop-px X,Y,W,H", text, type=crop)
 
 

@@ -16,6 +16,7 @@ from designlab.app.cli.arguments.options import (
 )
 
 LENS_HELP = "calibration by OpenCV, ROS, Kalibr, COLMAP or a script (YAML, XML, JSON, .npz, cameras.txt)"
+OF_DESIGN = "with --design, part of the camera's full picture that the pictures show, where not the whole"
 
 
 def add_calibration(add: Any) -> None:
@@ -56,14 +57,7 @@ def add_calibration(add: Any) -> None:
         "pixels see it, and how steep it is there; its light does not matter",
         default=None,
     )
-    option(
-        balls,
-        "--crop-px N",
-        "with --design, the part of the camera's sensor that pictures show: left, top, width, height",
-        nargs=4,
-        type=int,
-        default=None,
-    )
+    part(balls, OF_DESIGN)
     option(
         calibrate,
         "--baseline",
@@ -145,14 +139,7 @@ def add_reconstruct(add: Any) -> None:
         "'encoded,linear'; linear for EXR when absent",
         default=None,
     )
-    option(
-        shapes,
-        "--crop-px N",
-        "with --design, the part of the camera's sensor that pictures show: left, top, width, height",
-        nargs=4,
-        type=int,
-        default=None,
-    )
+    part(shapes, OF_DESIGN)
     option(
         shapes,
         "--markers",
