@@ -14,6 +14,7 @@ from designlab.inference.diagnosis.likelihood.noise import (
     SMOOTH_ALIKE,
     SMOOTH_BUDGET,
     SMOOTH_LENGTH,
+    WEAK,
     MonteCarloNoise,
     Noise,
     spectrum,
@@ -51,9 +52,23 @@ class Known:
 
 def noises(level: float, grain: MonteCarloNoise | None = None) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
-    lit = level * np.array([[1.0, 1.0, 1.0], [0.9, 0.2, 0.3], [0.1, 0.8, 0.7]])
+    colours = level * np.array([[0.9, 0.2, 0.3], [0.1, 0.8, 0.7]])
+    # The light of one group falls off to the right, that of the other downwards.
+    right, down = np.linspace(1.5, 0.5, COLUMNS)[None, :, None], np.linspace(0.2, 1.8, ROWS)[:, None, None]
+    lit = np.stack([right * colours[0] * np.ones(SHAPE), down * colours[1] * np.ones(SHAPE)])
     bright = np.full(3, 1.2 * level)
-    return [Noise(sigma, sigma, sigma, bright * (1 + n), lit * (1 + n), grain) for n in range(2)]
+    return [
+        Noise(
+            sigma,
+            sigma,
+            sigma,
+            bright * (1 + n),
+            np.full(3, level) * (1 + n),
+            (1 + n) * lit.astype("f"),
+            grain,
+        )
+        for n in range(2)
+    ]
 
 
 def correlation(power: np.ndarray) -> np.ndarray:
@@ -102,15 +117,9 @@ def test_normal_equations_are_those_of_the_dense_covariance(
     # Of a misfit divided by `alike`, smooth errors are to weigh as if divided by no more than `SMOOTH_ALIKE`.
     granted = SMOOTH_BUDGET**2 * min(SMOOTH_ALIKE / alike, 1.0)
     smooth, rough = smooth_covariance(), correlation(power)
-    gram, right, misfit, logdet = np.zeros((3, 3)), np.zeros(3), 0.0, 0.0
+    without = np.zeros((3, 2 * ROWS * COLUMNS, 3, 2 * ROWS * COLUMNS))
     for channel in range(3):
-        added = np.zeros((2 * ROWS * COLUMNS,) * 2)
-        for group in range(2):
-            lit = [noise.levels[1 + group, channel] for noise in own]
-            # The size of these is fitted, so that they count in full.
-            long = smooth_covariance(LONG_LENGTH, with_mean=False) / alike
-            added += smooth_rms**2 * np.kron(np.outer(lit, lit), long)
-        levels = [noise.levels[0, channel] for noise in own]
+        levels = [noise.all_level[channel] for noise in own]
         apart = [
             (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * noise.level[channel]) ** 2 * smooth
             for noise in own
@@ -121,17 +130,27 @@ def test_normal_equations_are_those_of_the_dense_covariance(
                 apart[k] += (grainy - relative * level**2) * rough
             shared += relative * np.kron(np.outer(levels, levels), rough)
         zero = np.zeros_like(smooth)
-        without = np.block([[apart[0], zero], [zero, apart[1]]]) + shared
-        inverse = np.linalg.inv(without + added)
-        logdet += np.linalg.slogdet(without + added)[1] - np.linalg.slogdet(without)[1]
-        scale = (known.valid[..., channel] / 0.5).reshape(2, -1)
-        rows = np.concatenate(
-            [known.derivatives[n, ..., channel].reshape(3, -1).T * scale[n][:, None] for n in range(2)]
-        )
-        left = np.concatenate([known.signals[n, :, :, channel].ravel() * scale[n] for n in range(2)])
-        gram += rows.T @ inverse @ rows
-        right += rows.T @ inverse @ left
-        misfit += left @ inverse @ left
+        without[channel, :, channel] = np.block([[apart[0], zero], [zero, apart[1]]]) + shared
+    size = 6 * ROWS * COLUMNS
+    covariance = without.reshape(size, size)
+    logdet = -np.linalg.slogdet(covariance)[1]
+    # Of each group one error, relative to its light, in all channels and shots. Its size is fitted, so it
+    # counts in full.
+    power = spectrum((ROWS, COLUMNS), LONG_LENGTH)
+    power[0, 0] = 0.0
+    long = correlation(np.where(power > WEAK * power.max(), power, 0.0)) / alike
+    for group in range(2):
+        light = np.stack([noise.groups[group] for noise in own])
+        lit = np.moveaxis(light, -1, 0).reshape(6, ROWS * COLUMNS)  # channels, then shots
+        each = np.concatenate([np.diag(part) for part in lit])
+        covariance = covariance + smooth_rms**2 * each @ long @ each.T
+    inverse = np.linalg.inv(covariance)
+    logdet += np.linalg.slogdet(covariance)[1]
+    scale = np.where(known.valid, 2.0, 0.0)
+    columns = np.swapaxes(known.derivatives, 0, 1) * scale
+    rows = np.moveaxis(columns, -1, 1).reshape(3, -1).T
+    left = np.moveaxis(known.signals * scale, -1, 0).ravel()
+    gram, right, misfit = rows.T @ inverse @ rows, rows.T @ inverse @ left, left @ inverse @ left
     np.testing.assert_allclose(alike * found.gram, gram, rtol=2e-4, atol=2e-4 * np.abs(gram).max())
     np.testing.assert_allclose(alike * found.right, right, atol=2e-4 * np.abs(gram).max())
     assert alike * (found.misfit - logdet) == pytest.approx(misfit, rel=1e-4)
@@ -154,17 +173,19 @@ def test_the_size_of_smooth_errors_of_groups_is_found(hidden: float) -> None:
     """Pictures lit by one group each and by both; the light of each is off by a smooth error of its own."""
     random = np.random.default_rng(5)
     shape, lit, sigma = (48, 64, 3), ([1, 0], [0, 1], [1, 1], [1, 1]), 0.002
-    power = np.sqrt(spectrum((48, 64), LONG_LENGTH))[..., None]
-    fields = [idctn(power * random.standard_normal(shape), axes=(0, 1), norm="ortho") for _ in range(2)]
+    power = np.sqrt(spectrum((48, 64), LONG_LENGTH))
+    power[0, 0] = 0.0
+    fields = [idctn(power * random.standard_normal(shape[:2]), norm="ortho")[..., None] for _ in range(2)]
     light = np.array([[0.9, 0.2, 0.0], [0.0, 0.3, 0.8]])
+    falls = np.linspace(2.0, 0.2, 64)[None, :, None]  # from one side to the other
     shots, own = [], []
     for groups in lit:
-        parts = [on * colour * np.ones(shape) for on, colour in zip(groups, light, strict=True)]
+        parts = [on * colour * falls * np.ones(shape) for on, colour in zip(groups, light, strict=True)]
         error = sum(part * hidden * field for part, field in zip(parts, fields, strict=True))
         shots.append(SimpleNamespace(signal=error + sigma * random.standard_normal(shape), valid=error < 1))
-        levels = np.array([part.mean(axis=(0, 1)) for part in (sum(parts), *parts)]) / sigma
+        level = np.sqrt((sum(parts) ** 2).mean(axis=(0, 1))) / sigma
         all_ = np.full(shape, sigma)
-        own.append(Noise(all_, all_, all_, levels[0], levels))
+        own.append(Noise(all_, all_, all_, level, level, np.array(parts, dtype=np.float32) / sigma))
     known = SimpleNamespace(
         bank=SimpleNamespace(shots=shots), linear=lambda *_: (np.zeros(shape), np.zeros((0, *shape)))
     )

@@ -129,7 +129,7 @@ class Fitter:
                 shot,
                 forward.predict(state, n),
                 forward.untouched(state, n),
-                forward.of_groups(state, n),
+                forward.of_groups(state, n) if self.fits_smooth else None,
                 black,
                 random[n],
                 grain=self.grain,

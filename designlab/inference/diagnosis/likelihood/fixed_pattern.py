@@ -100,7 +100,7 @@ def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, 
     weight, right = np.zeros(shape), np.zeros(shape)
     granted: Array | float = 0.0
     for noise, left, _ in _residuals(fitter, state, shots):
-        level = noise.levels[0]
+        level = noise.all_level
         diagonal, granted = noise.alone, _common_error(noise, state)
         weight += level**2 / diagonal
         right += level * transformed(left) / diagonal
@@ -121,7 +121,7 @@ def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -
     shape = fitter.bank.shots[shots[0]].signal.shape
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
     for noise, left, light in _residuals(fitter, state, shots):
-        variance = noise.alone + _common_error(noise, state) * noise.levels[0] ** 2
+        variance = noise.alone + _common_error(noise, state) * noise.all_level**2
         rough = idctn(transformed(left) / variance, axes=(0, 1), norm="ortho")
         weight += light**2
         right += light * rough

@@ -13,7 +13,7 @@ error has a further part, of longer waves, whose size is fitted with every model
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 SMOOTH_ALIKE = 2.0
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 LONG_LENGTH = 0.25  # likewise, of the part whose size is fitted: boards and walls act from afar
+WEAK = 1e-3  # variance of a wave, over the most, below which it is none
 EDGE_WIDTH_PX = 0.7
 DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
 LEAST_VARIANCE = 0.02  # of a coefficient: what is estimated may not make it certain
@@ -72,9 +73,11 @@ class Noise:
     level : array, shape (3,)
         Root mean square of signal over sigma, what smooth relative errors of the shot are multiples of. Dark
         signal counts as if it were brighter, for errors that are not relative.
-    levels : array, shape (1 + groups, 3)
-        Root mean square of light over sigma, what smooth errors that shots share are multiples of: of all
-        light, and of that of each LED group.
+    all_level : array, shape (3,)
+        Root mean square of all light over sigma, what the granted error that shots share is a multiple of.
+    groups : array, shape (groups, rows, columns, 3), or None
+        Light of each LED group over sigma, which smooth errors of fitted size are relative to at each place;
+        None where there are none.
     random : MonteCarloNoise or None
         Random error of the simulation, part of sigma; None where it is below what is granted anyway.
     shot : float
@@ -85,7 +88,8 @@ class Noise:
     camera: Array
     granted: Array
     level: Array
-    levels: Array
+    all_level: Array
+    groups: NDArray[np.float32] | None = None
     random: MonteCarloNoise | None = None
     shot: float = SHOT_BUDGET
 
@@ -97,8 +101,26 @@ class Noise:
         if self.random is None:
             return found
         share = ((self.random.sigma / self.sigma) ** 2).mean(axis=(0, 1))
-        own = np.maximum(share - self.random.shared * self.levels[0] ** 2, 0.0)
+        own = np.maximum(share - self.random.shared * self.all_level**2, 0.0)
         return np.asarray(np.maximum(found - share + own * self.random.power[..., None], LEAST_VARIANCE))
+
+    @cached_property
+    def waves(self) -> NDArray[np.float32]:
+        """Coefficients of long waves of each group's light, over the root of `alone`.
+
+        Shape (groups x waves, rows, columns, 3); none without `groups`.
+        """
+        if self.groups is None:
+            return np.zeros((0, *self.sigma.shape), dtype=np.float32)
+        shapes, _ = long_waves(self.sigma.shape[:2])
+        light = (self.groups[:, None] * shapes[..., None]).reshape(-1, *self.sigma.shape)
+        return np.asarray(transformed(light, axes=(1, 2)) / np.sqrt(self.alone), dtype=np.float32)
+
+    @cached_property
+    def wave_weight(self) -> Array:
+        """Information about the waves, (groups x waves, groups x waves)."""
+        rows = self.waves.reshape(len(self.waves), self.sigma.size)
+        return np.asarray(rows @ rows.T, dtype=float)
 
     def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
@@ -117,7 +139,7 @@ def noise(
     shot: Shot,
     predicted: Array,
     untouched: Array,
-    of_groups: Array,
+    of_groups: Array | None,
     black: Array | float,
     random: MonteCarloNoise | None = None,
     *,
@@ -125,8 +147,8 @@ def noise(
 ) -> Noise:
     """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3).
 
-    `of_groups` is what each LED group adds to the signal (groups, rows, columns, 3); `grain` is relative to
-    the light.
+    `of_groups` is what each LED group adds to the signal (groups, rows, columns, 3), None where no smooth
+    error of theirs is fitted; `grain` is relative to the light.
     """
     light = predicted - black
     curvature = np.stack([gaussian_laplace(light[..., c], EDGE_WIDTH_PX) for c in range(3)], axis=-1)
@@ -137,10 +159,10 @@ def noise(
     sigma = np.hypot(np.hypot(camera, budget), traced)
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    sources = np.concatenate([light[None], of_groups])
-    levels = np.sqrt(np.where(shot.valid, (sources / sigma) ** 2, 0.0).mean(axis=(1, 2)))
+    all_level = np.sqrt(np.where(shot.valid, (light / sigma) ** 2, 0.0).mean(axis=(0, 1)))
+    groups = None if of_groups is None else np.where(shot.valid, of_groups / sigma, 0.0).astype(np.float32)
     granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), traced)
-    return Noise(sigma, camera, granted, level, levels, random)
+    return Noise(sigma, camera, granted, level, all_level, groups, random)
 
 
 def spectrum(shape: tuple[int, int], length: float = SMOOTH_LENGTH) -> Array:
@@ -150,6 +172,23 @@ def spectrum(shape: tuple[int, int], length: float = SMOOTH_LENGTH) -> Array:
     ky, kx = np.pi * np.arange(rows) / rows, np.pi * np.arange(columns) / columns
     power = np.exp(-((ky[:, None] ** 2 + kx[None, :] ** 2) * length_px**2) / 2)
     return np.asarray(power / power.mean())
+
+
+@lru_cache(maxsize=8)
+def long_waves(shape: tuple[int, int]) -> tuple[NDArray[np.float32], Array]:
+    """Long waves over a picture, (waves, rows, columns), and the variance of each in an error of unit size.
+
+    The mean, which gains are fitted for, is left out, and so are waves that say nothing of the size.
+    """
+    power = spectrum(shape, LONG_LENGTH)
+    power[0, 0] = 0.0
+    told = np.argwhere(power > WEAK * power.max())
+    along = [
+        np.sqrt(np.where(number > 0, 2.0, 1.0))[:, None]
+        * np.cos(np.pi * number[:, None] * (np.arange(side) + 0.5) / side)
+        for number, side in zip(told.T, shape, strict=True)
+    ]
+    return np.einsum("kr,kc->krc", *along).astype(np.float32), power[tuple(told.T)] / power.size
 
 
 def transformed(values: NDArray[np.floating], *, axes: tuple[int, int] = (0, 1)) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,9 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.noise import (
-    LONG_LENGTH,
     SMOOTH_ALIKE,
     Noise,
-    spectrum,
+    long_waves,
     transformed,
 )
 
@@ -23,58 +23,77 @@ from designlab.inference.diagnosis.likelihood.noise import (
 ALIKE = 32.0
 MOST_TURNS = 10  # of each unknown to a bound and back
 SIZES = np.array([0.0, *np.geomspace(0.002, 0.1, 60)])  # of a smooth error, relative, that are tried
-WEAK = 1e-4  # power of long waves, over the most, that tells nothing of their size
 WEAKEST = 1e-9  # power of smooth errors, over the most, that is none
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What shots of one size show of smooth errors that they have in common, by coefficient and channel.
+    """What shots of one size show of smooth errors that they have in common.
 
-    There is one of all light, of a size that is granted, and one of the light of each LED group, whose size
-    is fitted; errors here are relative to the light.
+    There is one of all light, of a size that is granted, told by coefficient and channel; and there are waves
+    of the light of each LED group, relative to it at each place, whose size is fitted.
 
     Attributes
     ----------
-    total : array, shape (1 + groups, n)
-        Sum of what is left of the shots, weighed by how much each tells of each error.
-    weight : array, shape (1 + groups, 1 + groups, n)
-        Information about the errors.
-    granted, long : array, shape (n,)
-        Variance of the error granted, and of those of unit size whose size is fitted.
+    granted, total, weight : array, shape (n,)
+        Variance of the granted error, sum of what is left of the shots, weighed by how much each tells of it,
+        and information about it.
+    power, wave_total : array, shape (waves,)
+        Variance of the waves in an error of unit size, and the same sum for them.
+    wave_weight : array, shape (waves, waves)
+        Information about the waves.
+    cross : array, shape (waves, n)
+        Information about a wave that is also about the granted error.
     """
 
+    granted: Array
     total: Array
     weight: Array
-    granted: Array
-    long: Array
+    power: Array
+    wave_total: Array
+    wave_weight: Array
+    cross: Array
 
-    def factors(self, smooth_rms: Array | float) -> tuple[Array, Array]:
-        """Root of the errors' prior variance (1 + groups, n), and a triangular root of their information.
+    @property
+    def shrink(self) -> Array:
+        """Variance that is left of the granted error, (n,)."""
+        return np.asarray(self.granted / (1.0 + self.granted * self.weight))
 
-        That is of shape (n, 1 + groups, 1 + groups), of errors in units of that root. Sizes may have an axis
-        of their own, which comes first.
-        """
-        fitted = np.multiply.outer(np.asarray(smooth_rms), np.sqrt(self.long))
-        granted = np.broadcast_to(np.sqrt(self.granted), fitted.shape)
-        root = np.stack([granted, *[fitted] * (len(self.total) - 1)], axis=-2)
-        inner = root[..., :, None, :] * self.weight * root[..., None, :, :]
-        return root, np.linalg.cholesky(np.moveaxis(inner, -1, -3) + np.eye(len(self.total)))
+    @cached_property
+    def of_waves(self) -> Array:
+        """Information about the waves beside the granted error, (waves, waves)."""
+        return np.asarray(self.wave_weight - (self.cross * self.shrink) @ self.cross.T)
+
+    @cached_property
+    def _turned(self) -> tuple[Array, Array]:
+        """Information about independent mixtures of waves of unit size, and the sum for them, (waves,)."""
+        root = np.sqrt(self.power)
+        values, vectors = np.linalg.eigh(root[:, None] * self.of_waves * root)
+        total = self.wave_total - self.cross @ (self.shrink * self.total)
+        return np.maximum(values, 0.0), vectors.T @ (root * total)
 
     def explained(self, smooth_rms: Array | float) -> tuple[Array, Array]:
-        """How much less shots are off by with such errors, and the logarithm of their determinant."""
-        root, lower = self.factors(smooth_rms)
-        right = np.moveaxis(root * self.total, -2, -1)[..., None]
-        less = (np.linalg.solve(lower, right) ** 2).sum(axis=(-3, -2, -1))
-        return less, 2 * np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
+        """How much less shots are off by with such errors, and the logarithm of their determinant.
 
-    def only(self, told: NDArray[np.bool_]) -> "Shared":
-        """Return the same of some of the coefficients."""
-        return Shared(self.total[:, told], self.weight[..., told], self.granted[told], self.long[told])
+        Sizes may have any shape, which both then have.
+        """
+        values, total = self._turned
+        square = np.multiply.outer(np.asarray(smooth_rms) ** 2, np.ones(len(values)))
+        less = float((self.shrink * self.total**2).sum())
+        less = less + (square * total**2 / (1.0 + square * values)).sum(axis=-1)
+        logdet = float(np.log1p(self.granted * self.weight).sum()) + np.log1p(square * values).sum(axis=-1)
+        return less, logdet
 
     def beside(self, known: "Shared") -> "Shared":
         """Return the same of these shots and others."""
-        return replace(self, total=self.total + known.total, weight=self.weight + known.weight)
+        return replace(
+            self,
+            total=self.total + known.total,
+            weight=self.weight + known.weight,
+            wave_total=self.wave_total + known.wave_total,
+            wave_weight=self.wave_weight + known.wave_weight,
+            cross=self.cross + known.cross,
+        )
 
 
 def fitted_size(parts: Iterable[Shared], alike: float) -> float:
@@ -89,8 +108,7 @@ def fitted_size(parts: Iterable[Shared], alike: float) -> float:
     """
     lost = np.zeros(len(SIZES))
     for part in parts:
-        told = part.long > WEAK * part.long.max()
-        less, logdet = part.only(told).explained(SIZES)
+        less, logdet = part.explained(SIZES)
         lost += logdet - less / alike
     return float(SIZES[int(np.argmin(lost))])
 
@@ -185,9 +203,10 @@ def system(
 ) -> System:
     """Set up the normal equations of unknowns over shots at a state.
 
-    Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
+    Values are whitened by their noise, transformed by cosines, in which granted errors are independent, and
     weighed by the inverse of the covariance: of each coefficient it is what a shot has alone on the diagonal
-    and what all have in common beyond (Sherman and Morrison 1950). All is divided by `alike`, but smooth
+    and what all have in common beyond (Sherman and Morrison 1950); waves of the groups' light, which are few,
+    are unknowns that are integrated out. All is divided by `alike`, but smooth
     errors granted count as if divided by `smooth_alike`, and those whose size is fitted are not divided.
     `known` is what other shots have shown of the common error: the likelihood is that of these given those.
     """
@@ -202,7 +221,8 @@ def system(
         scale = np.where(shot.valid, 1.0 / own.sigma, 0.0).astype(np.float32)
         residual = np.asarray(shot.signal - predicted, dtype=np.float32)
         coefficients = transformed(np.concatenate([columns, residual[None]]) * scale, axes=(1, 2))
-        rows = (coefficients / np.sqrt(own.alone).astype(np.float32)).reshape(len(coefficients), -1)
+        weighed = np.asarray(coefficients / np.sqrt(own.alone), dtype=np.float32)
+        rows = weighed.reshape(len(coefficients), -1)
         part = np.asarray(rows @ rows.T, dtype=float)
         gram[np.ix_(used, used)] += part[:-1, :-1]
         right[used] += part[:-1, -1]
@@ -210,20 +230,23 @@ def system(
         key = shot.signal.shape[:2]
         if key not in common:
             common[key] = _Sums(own, size, share, alike)
-        common[key].add(coefficients, [*used, size], own)
+        common[key].add(coefficients, rows, [*used, size], own)
     logdet, shared = 0.0, {}
     for key, sums in common.items():
         shown = shared[key] = sums.shared()
         if before := (known or {}).get(key):
             shown = shown.beside(before)
-            sums.total[:, -1] += before.total
+            sums.total[-1] += before.total
+            sums.waves[:, -1] += before.wave_total
             less, less_logdet = before.explained(state.smooth_rms)
             misfit, logdet = misfit + float(less), logdet - float(less_logdet - before.explained(0.0)[1])
         logdet += float(shown.explained(state.smooth_rms)[1] - shown.explained(0.0)[1])
-        root, lower = shown.factors(state.smooth_rms)
-        sides = np.moveaxis(root[:, None] * sums.total, -1, 0)  # (n, 1 + groups, unknowns and residual)
-        combined = np.linalg.solve(lower, sides).reshape(-1, size + 1)
-        part = combined.T @ combined
+        part = (sums.total * shown.shrink) @ sums.total.T
+        root = state.smooth_rms * np.sqrt(shown.power)
+        inner = root[:, None] * shown.of_waves * root + np.eye(len(root))
+        sides = root[:, None] * (sums.waves - shown.cross @ (sums.total * shown.shrink).T)
+        combined = np.linalg.solve(np.linalg.cholesky(inner), sides)
+        part += combined.T @ combined
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])
@@ -236,26 +259,38 @@ class _Sums:
     def __init__(self, noise: Noise, unknowns: int, share: float, alike: float) -> None:
         # The mean of all is what gains are fitted for.
         granted = noise.common(mean=False, share=share)
-        long = np.repeat(spectrum(noise.sigma.shape[:2], LONG_LENGTH)[..., None], 3, axis=-1) / alike
-        long[0, 0] = 0.0
         # Smooth errors have few coefficients.
         self.strong = granted > WEAKEST * granted.max()
-        self.granted, self.long = granted[self.strong], long[self.strong]
-        sources = len(noise.levels)
-        self.total = np.zeros((sources, unknowns + 1, len(self.granted)))
-        self.weight = np.zeros((sources, sources, len(self.granted)))
+        self.granted = granted[self.strong]
+        count = len(noise.waves)
+        _, power = long_waves(noise.sigma.shape[:2])
+        self.power = np.tile(power, count // len(power)) / alike
+        self.total = np.zeros((unknowns + 1, len(self.granted)))
+        self.weight = np.zeros(len(self.granted))
+        self.waves = np.zeros((count, unknowns + 1))
+        self.wave_weight = np.zeros((count, count))
+        self.cross = np.zeros((count, len(self.granted)))
 
-    def add(self, coefficients: NDArray[np.float32], used: Sequence[int], noise: Noise) -> None:
-        """Add a shot: coefficients of columns and of what is left, and which of the unknowns they are of."""
+    def add(
+        self,
+        coefficients: NDArray[np.float32],
+        rows: NDArray[np.float32],
+        used: Sequence[int],
+        noise: Noise,
+    ) -> None:
+        """Add a shot: coefficients of columns and of what is left, these weighed, and which they are of."""
         alone = np.broadcast_to(noise.alone, self.strong.shape)[self.strong]
-        levels = np.broadcast_to(noise.levels[:, None, None], (len(noise.levels), *self.strong.shape))
-        levels = levels[:, self.strong]
-        self.total[:, used] += (levels / alone)[:, None] * coefficients[:, self.strong]
-        self.weight += levels[:, None] * levels / alone
+        level = np.broadcast_to(noise.all_level, self.strong.shape)[self.strong]
+        self.total[used] += level / alone * coefficients[:, self.strong]
+        self.weight += level**2 / alone
+        self.waves[:, used] += noise.waves.reshape(len(self.waves), rows.shape[1]) @ rows.T
+        self.wave_weight += noise.wave_weight
+        self.cross += level / np.sqrt(alone) * noise.waves[:, self.strong]
 
     def shared(self) -> Shared:
         """What the shots show."""
-        return Shared(self.total[:, -1].copy(), self.weight, self.granted, self.long)
+        total, wave_total = self.total[-1].copy(), self.waves[:, -1].copy()
+        return Shared(self.granted, total, self.weight, self.power, wave_total, self.wave_weight, self.cross)
 
 
 def log_evidence(information: Array, right: Array) -> float:
