@@ -156,7 +156,7 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=10.0, later=24.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
+    evidence=10.0, later=24.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.002, most_effects=4
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
 was 4.2, so that none was fitted. What models of other effects miss has a shape that a later one may take up,
