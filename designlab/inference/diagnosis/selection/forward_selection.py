@@ -406,7 +406,11 @@ class ForwardSelection:
         begin = state.with_values(name, {**values, **finer})
         unknowns = fitter.unknowns(begin, list(begin.values), self.train)
         places = [k for k, u in enumerate(unknowns) if u.effect == name and u.name in finer]
-        if log_evidence(*fitter.system(begin, self.train, unknowns).reduced(places)) <= 0:
+        # What they explain may have been taken for a smooth error, which is smaller then.
+        sizes = (state.smooth_rms, state.smooth_rms / 2, 0.0)
+        systems = [fitter.system(replace(begin, smooth_rms=size), self.train, unknowns) for size in sizes]
+        told = [log_evidence(*each.reduced(places)) - each.misfit / 2 for each in systems]
+        if max(told) + systems[0].misfit / 2 <= 0:
             return attempt
         found = fitter.fit(begin, list(begin.values), self.train)
         stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
