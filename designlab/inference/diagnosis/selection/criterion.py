@@ -43,8 +43,8 @@ class JudgedCandidate(Generic[S]):
 
     `evidence` is for it against the model without it, on what it was fitted to and on what judges together,
     less its `price` for the freedom that it brings; `held_out` is the part of what judges; `left` is the
-    gap that it began from, as a share of the first; `smooth` the evidence for smooth errors of light there;
-    `seconds` is what a first attempt took.
+    gap that it began from, as a share of the first; `smooth` the evidence for the smooth errors of light that
+    it leaves; `seconds` is what a first attempt took.
     """
 
     name: str
@@ -72,8 +72,10 @@ class Criterion:
         Of the most evidence, from which a candidate may turn out to be the best.
     likely : bool
         Whether an effect must have values that are likely of built sensors, unless it closes the gap.
-    of_smooth : float
-        Share of the evidence for smooth errors of light that evidence for an effect must exceed as well.
+    of_smooth, of_missing : float
+        Share of the evidence for smooth errors of light that evidence for an effect must exceed as well:
+        where single frames have grain, as all of a lab's have, and where they have none. There such errors
+        are rather an effect that is missing.
     most_effects : int
         That may join.
     """
@@ -84,6 +86,7 @@ class Criterion:
     contending: float
     likely: bool
     of_smooth: float
+    of_missing: float
     most_effects: int
 
     def refused(self, attempt: JudgedCandidate[S]) -> str:
@@ -95,7 +98,8 @@ class Criterion:
         value, se = attempt.evidence
         needed = self.evidence if len(attempt.stand.state.values) <= 1 else self.later
         # What is taken for a smooth error may hold as much of an effect that is not there.
-        needed += self.of_smooth * max(attempt.smooth, 0.0)
+        share = self.of_smooth if attempt.stand.fitter.grain > 0 else self.of_missing
+        needed += share * max(attempt.smooth, 0.0)
         if value <= needed:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
@@ -156,14 +160,28 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=10.0, later=24.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.002, most_effects=4
+    evidence=10.0,
+    later=24.0,
+    as_good=6.0,
+    contending=0.5,
+    likely=True,
+    of_smooth=0.002,
+    of_missing=0.01,
+    most_effects=4,
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
 was 4.2, so that none was fitted. What models of other effects miss has a shape that a later one may take up,
 which is why more is asked of it. By how much values err alike is a round number, and evidence with it: hence
 6. The other numbers are estimates."""
 OF_BLOCKS = Criterion(
-    evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, of_smooth=0.0, most_effects=6
+    evidence=5.0,
+    later=5.0,
+    as_good=0.0,
+    contending=0.25,
+    likely=False,
+    of_smooth=0.0,
+    of_missing=0.0,
+    most_effects=6,
 )
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""
 

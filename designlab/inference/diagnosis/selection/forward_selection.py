@@ -429,7 +429,7 @@ class ForwardSelection:
             held_out=float((stand.judged.scores - base.judged.scores).sum()),
             left=base.judged.gap / self.gap,
             price=price,
-            smooth=base.fitter.of_smooth(base.fit),
+            smooth=stand.fitter.of_smooth(stand.fit),
         )
 
     def _occam(self, found: Fit, name: str) -> float:
