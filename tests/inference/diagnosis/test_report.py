@@ -171,6 +171,7 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
     for words in (
         f"`at_floor` lies below {AT_FLOOR:g} floors. *Usual*",
         f"with {100 * OF_PRESSES.of_smooth:g} % of that for smooth errors of light",
+        f"({100 * OF_PRESSES.of_missing:g} % without grain)",
         f"divided by {ALIKE:g} since",
         f"within {OF_PRESSES.as_good:g} of its evidence",
         f"within {SURE_SE:g} standard errors",
