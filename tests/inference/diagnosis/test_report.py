@@ -176,7 +176,7 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
         f"within {OF_PRESSES.as_good:g} of its evidence",
         f"within {SURE_SE:g} standard errors",
         f"its evidence is {OF_PRESSES.evidence:g}, with",
-        f"of light, and {SURE_SE:g} standard errors",
+        f"without grain), and {SURE_SE:g} standard errors",
         f"close {100 * LEAST_SHARE:g} % of what is left and, beside effects that need new pictures, "
         f"{100 * LEAST_OF_FIRST:g} % of the first gap",
         f"for up to {OF_PRESSES.most_effects} effects",
