@@ -424,8 +424,8 @@ def test_what_pictures_of_another_effect_may_miss_does_not_count(measured) -> No
 def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured) -> None:
     made = attempt(measured, "albedo_field", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
     assert made.evidence.value == pytest.approx(135.0)
-    assert not OF_PRESSES.refused(replace(made, smooth=12_400.0))  # of which it needs 1 % besides
-    assert OF_PRESSES.refused(replace(made, smooth=12_600.0)) == "evidence 135, below 136"
+    assert not OF_PRESSES.refused(replace(made, smooth=4_150.0))  # of which it needs 3 % besides
+    assert OF_PRESSES.refused(replace(made, smooth=4_200.0)) == "evidence 135, below 136"
     grainy = measured.of(measured.bank, measured.noises)
     grainy.grain = 0.01
     made = replace(made, stand=replace(made.stand, fitter=grainy))

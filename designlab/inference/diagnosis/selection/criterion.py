@@ -166,7 +166,7 @@ OF_PRESSES = Criterion(
     contending=0.5,
     likely=True,
     of_smooth=0.002,
-    of_missing=0.01,
+    of_missing=0.03,
     most_effects=4,
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
