@@ -6,9 +6,9 @@ same in all frames, as that of a light source known to a limited accuracy is; fi
 that small effects of large pictures are not taken for certain. Behind a core light is counted in photons, and
 Monte Carlo noise comes on top: it is measured, and mostly the same in all frames, see `monte_carlo_noise`.
 
-No real sensor is lit just as its drawing says: strips have gaps, boards and walls reflect. So the smooth
-error has a further part, of longer waves, whose size is fitted with every model, see
-`normal_equations.fitted_size`; and single frames have grain that repeats share, whose size is measured, see
+No real sensor is lit just as its drawing says: strips have gaps, boards and walls reflect. So the light of
+each LED group has a further smooth error, of longer waves, relative to it at each place, whose size is fitted
+with every model, see `normal_equations.fitted_size`; and single frames have grain that repeats share, whose size is measured, see
 `grain`.
 """
 
