@@ -8,8 +8,8 @@ Monte Carlo noise comes on top: it is measured, and mostly the same in all frame
 
 No real sensor is lit just as its drawing says: strips have gaps, boards and walls reflect. So the light of
 each LED group has a further smooth error, of longer waves, relative to it at each place, whose size is fitted
-with every model, see `normal_equations.fitted_size`; and single frames have grain that repeats share, whose size is measured, see
-`grain`.
+with every model, see `normal_equations.fitted_size`; and single frames have grain that repeats share, whose
+size is measured, see `grain`.
 """
 
 from dataclasses import dataclass
