@@ -137,7 +137,7 @@ def test_other_sizes_and_other_files_are_refused(calibration_file, tmp_path):
             ("--ball-mm", "6", "--mm-per-px", "0.1"),
             "background-2.exr: must have the size of background-1.exr",
         ),
-        ({"background.exr": SHAPE}, ("--crop-px", "0", "0", "9", "9"), "--crop-px: is for --design MODEL"),
+        ({"background.exr": SHAPE}, ("--crop-px", "0,0,9,9"), "--crop-px: is for --design MODEL"),
         (
             {"background.exr": SHAPE},
             ("--ball-mm", "6", "--design", "digit360-like"),
