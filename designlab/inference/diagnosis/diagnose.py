@@ -14,6 +14,7 @@ from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.calibration.poses import posed
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
+from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.result import (
@@ -238,13 +239,7 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
     """Search for effects, fit those found exactly, and judge by presses that had no say in it."""
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
     source.work.begin("pictures of the model")
-    shown = fill(source, model, seen.shots, names, both=False)
-    fitter = placed(source, Fitter(shown), train, [*select, *final])
-    start = fitter.fit(fitter.start(train), (), train).state
-    fitter.grain = grain(fitter, start, [*train, *select])
-    fitter.measure(start)
-    start = fitter.fit(start, (), train).state
-    fitter.measure(start)
+    fitter, start = begun(seen, model, names, source)
     source.work.begin("searching")
     search = ForwardSelection(fitter, names, train, select, source, work=source.work)
     given, found = search.run(start)
@@ -262,6 +257,27 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
         "final": level(*ends),
     }
     return _Explanation(search, given, last, _settled(verdict, as_good, gap), gap, ends)
+
+
+def begun(
+    seen: Observations, model: SensorModel, names: Sequence[str], source: Renders
+) -> tuple[Fitter, State]:
+    """What a search begins from: the model as given, fitted to the training shots, and all noise known.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Effects that will be tried.
+    """
+    train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
+    shown = fill(source, model, seen.shots, names, both=False)
+    fitter = placed(source, Fitter(shown), train, [*select, *final])
+    start = fitter.fit(fitter.start(train), (), train).state
+    fitter.grain = grain(fitter, start, [*train, *select])
+    fitter.measure(start)
+    start = fitter.fit(start, (), train).state
+    fitter.measure(start)
+    return fitter, start
 
 
 def _control(found: _Explanation, seen: Observations, *, seed: int) -> Control | None:

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression, minimize
-from scipy.special import log_expit
+from scipy.special import chdtri, log_expit
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.likelihood.empirical_errors import known
-from designlab.inference.diagnosis.selection.criterion import AGAINST
+from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, known
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs, sum_of
-from designlab.sensor.design import Design, preset
+from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind.runner import Outcome
 from designlab.validation.blind.score import (
@@ -28,7 +27,6 @@ from designlab.validation.blind.score import (
 GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
 USUAL = 0.05  # likewise: scale of the half-Cauchy prior
 FEWEST = 3  # sets that tell an effect's error
-FEWEST_DIRTY = 2  # that tell what dirt looks like
 WEIGHT_SD = 4.0  # of the logarithm of odds, what a sign may usually count from one end to the other
 
 
@@ -61,46 +59,60 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
 def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     """What a whole pool of all families teaches, as `empirical_errors` reads it.
 
-    Effects of which it has too few sets keep what was known of them. Confidence is that of this pool alone:
-    records of others are added anew, see `with_records`.
+    Effects of which it has too few sets keep what was known of them; what dirt gives to them
+    ``benchmarks/dirt_sizes.py`` measures. Confidence is that of this pool alone: records of others are added
+    anew, see `with_records`.
     """
     outcomes = list(outcomes)
     return {
         "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
-        "dirt_sd": dict(sorted({**known()["dirt_sd"], **dirt_sd(outcomes)}.items())),
+        "dirt_sd": known()["dirt_sd"],
         "confidence": shares_right(outcomes),
     }
 
 
-def dirt_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
-    """Value that a lab's dirt gives to an effect that is not there, in prior standard deviations.
+def dirt_sd(sets: Iterable[Mapping[str, tuple[Array, Array]]]) -> dict[str, float]:
+    """Size that a lab's dirt gives to effects that are not there, in prior standard deviations.
 
-    The root mean square of what was fitted where nothing is hidden; fits that held-out presses spoke against
-    do not count.
+    In sets that hide nothing, values of an effect are normal about null with variance s^2 and the error of a
+    linear fit. This is the root of the posterior mean of s^2 under a half-Cauchy prior, as in `spread`; or,
+    where that is more, the least s of which no set is surely beyond: few sets tell little of long tails.
+
+    Parameters
+    ----------
+    sets : iterable of mapping
+        Of each set, information about every effect, (n, n), and its right side, (n,), as `screening.alone`
+        gives them. Parameters that only shape an effect are fitted along.
     """
-    squares: dict[str, list[float]] = {}
-    for o in outcomes:
-        if o.trial["effects"] or o.trial["outside"] or not o.trial["dirt"]:
-            continue
-        for tried in o.candidates:
-            fitted = tried["round"] == 1 and tried["gain"] is not None and not effect(tried["name"]).drawn
-            if fitted and not tried["outcome"].startswith(AGAINST):
-                squares.setdefault(tried["name"], []).append(_mean_square(tried, preset(o.trial["design"])))
+    found: dict[str, list[tuple[Array, Array]]] = {}
+    for each in sets:
+        for name, (information, right) in each.items():
+            values, vectors = np.linalg.eigh(information)
+            found.setdefault(name, []).append((np.maximum(values, 0.0), (vectors.T @ right) ** 2))
     return {
-        name: round(float(np.sqrt(np.mean(found))), 4)
-        for name, found in sorted(squares.items())
-        if len(found) >= FEWEST_DIRTY
+        name: round(max(_likely(own), _beyond_none(own)), 4)
+        for name, own in sorted(found.items())
+        if len(own) >= FEWEST
     }
 
 
-def _mean_square(tried: Mapping[str, Any], design: Design) -> float:
-    """Mean square of the fitted values of an effect, each in prior standard deviations."""
-    values = [
-        p.coordinate(tried["parameters"][f"{tried['name']}.{p.name}"])
-        for p in effect(tried["name"]).parameters(design)
-        if not p.shape
-    ]
-    return float(np.mean(np.square(values)))
+def _likely(sets: Sequence[tuple[Array, Array]]) -> float:
+    """Root of the posterior mean of a variance, from information and squared right sides."""
+    logarithm = np.zeros(len(GRID))
+    for information, squares in sets:
+        fitted = 1.0 / GRID[:, None] ** 2 + information
+        logarithm += 0.5 * (squares / fitted - np.log1p(GRID[:, None] ** 2 * information)).sum(axis=1)
+    return _root_of_mean_square(logarithm)
+
+
+def _beyond_none(sets: Sequence[tuple[Array, Array]]) -> float:
+    """Least of the standard deviations of which no set is surely beyond, see `Fitter.beyond_dirt`."""
+    inside = np.ones(len(GRID), dtype=bool)
+    for information, squares in sets:
+        variance = 1.0 / (1.0 + information)
+        away = (squares * variance**2 / (variance + GRID[:, None] ** 2)).sum(axis=1)
+        inside &= away <= chdtri(len(information), BY_CHANCE)
+    return float(GRID[np.argmax(inside)])
 
 
 def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
@@ -237,6 +249,11 @@ def spread(errors: Sequence[tuple[float, float]]) -> float:
     error, stated = np.array(errors).T
     variance = GRID[:, None] ** 2 + stated**2
     logarithm = -0.5 * (error**2 / variance + np.log(variance)).sum(axis=1)
-    logarithm += np.log(GRID) - np.log1p((GRID / USUAL) ** 2)  # steps of the grid are even in log s
+    return _root_of_mean_square(logarithm)
+
+
+def _root_of_mean_square(logarithm: Array) -> float:
+    """Root of the posterior mean of s^2 from the log likelihood of each s of `GRID`."""
+    logarithm = logarithm + np.log(GRID) - np.log1p((GRID / USUAL) ** 2)  # steps are even in log s
     weight = np.exp(logarithm - logarithm.max())
     return float(np.sqrt((weight * GRID**2).sum() / weight.sum()))

@@ -172,7 +172,7 @@ def model_path(trial: Trial, folder: Path) -> Path:
     return folder / "reports" / trial.label / "model.toml"
 
 
-def _planted(trial: Trial, folder: Path) -> Path:
+def planted(trial: Trial, folder: Path) -> Path:
     """Generate the set of a trial, unless it is there."""
     design, measurement = preset(trial.design), set_path(trial, folder)
     planted = {name: value for name, value in asdict(trial).items() if name not in NOT_PLANTED}
@@ -206,7 +206,7 @@ def _catalogue(trial: Trial) -> list[str]:
 
 
 def _one(trial: Trial, folder: Path) -> Outcome:
-    design, measurement = preset(trial.design), _planted(trial, folder)
+    design, measurement = preset(trial.design), planted(trial, folder)
     begun = os.times()
     try:
         found = diagnose(

@@ -443,6 +443,8 @@ def test_what_explains_less_than_dirt_in_the_guise_of_another_does_not_join(meas
     behind = "less evidence than vignetting, which dirt makes"
     assert accepted([veil, weak]) == ([], None, [LIKE_DIRT, behind])
     assert accepted([veil, strong, weak])[:2] == ([strong], None)
+    empty = replace(veil, gain=replace(veil.gain, value=-0.01))  # which explains nothing of held-out presses
+    assert accepted([empty, weak])[:2] == ([weak], None)
 
 
 @pytest.mark.slow

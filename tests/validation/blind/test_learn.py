@@ -159,35 +159,28 @@ def test_a_pool_teaches_what_it_shows_and_keeps_the_rest() -> None:
     assert found["unlisted_sd"]["vignetting"] == pytest.approx(0.4, rel=0.1)  # a tenth, of 0.25 each
 
 
-def test_dirt_teaches_what_it_looks_like() -> None:
-    """The root mean square of what is fitted where nothing is hidden, unless held-out presses object."""
+def test_dirt_teaches_how_large_it_makes_effects_that_are_not_there() -> None:
+    """Values by chance of a known spread, told with errors that differ between parameters and sets."""
+    random = np.random.default_rng(3)
 
-    def empty(
-        number: int, loss: float, outcome_: str = "evidence 9, below 20", *, dirt: bool = True
-    ) -> Outcome:
-        made = outcome(Trial(f"n{number}", AIR[0], number, dirt=dirt), verdict="unexplained", sets=[])
-        candidates = [
-            {
-                "name": name,
-                "round": 1,
-                "outcome": outcome_,
-                "gain": 0.1,
-                "evidence": 9.0,
-                "parameters": values,
-            }
-            for name, values in (
-                ("vignetting", {"vignetting.corner_loss": loss}),
-                ("banding", {"banding.amplitude": 0.1, "banding.period_rows": 300.0}),
-            )
-        ]
-        rival = {"name": "numerical", "round": 1, "outcome": "fitted", "gain": None, "evidence": None}
-        return replace(made, candidates=[*candidates, rival])
+    def told(size: float, count: int = 300) -> list[dict[str, tuple[np.ndarray, np.ndarray]]]:
+        sets = []
+        for _ in range(count):
+            turned, _ = np.linalg.qr(random.standard_normal((3, 3)))
+            information = turned @ np.diag(random.uniform(0.0, 400.0, 3)) @ turned.T
+            chance = np.linalg.cholesky(information) @ random.standard_normal(3)
+            right = information @ (size * random.standard_normal(3)) + chance
+            sets.append({"led_profile": (information, right)})
+        return sets
 
-    against = "what was held out speaks against it, with an evidence of 3"
-    few = [empty(0, 0.1), empty(2, 9.0, against), empty(3, 9.0, dirt=False)]
-    assert dirt_sd(few) == {}
-    # A quarter of the light at the corner is usual.
-    assert dirt_sd([*few, empty(4, 0.2)]) == {"vignetting": pytest.approx(np.sqrt(0.05 / 2) / 0.25, abs=1e-4)}
+    for size in (0.1, 0.3):
+        assert dirt_sd(told(size))["led_profile"] == pytest.approx(size, rel=0.1)
+    assert dirt_sd(told(0.0))["led_profile"] < 0.02
+    assert dirt_sd(told(0.1, 2)) == {}  # too few to tell
+    # One set far away among few that are near: no smaller size than that of which it is not surely beyond.
+    sharp = np.diag([1e6])
+    few = [{"vignetting": (sharp, sharp @ [value])} for value in (*[0.0] * 20, 0.6)]
+    assert dirt_sd(few)["vignetting"] == pytest.approx(0.6 / 3, rel=0.03)
 
 
 def test_the_error_that_fits_do_not_know_is_found_again() -> None:

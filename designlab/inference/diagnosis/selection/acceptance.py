@@ -44,13 +44,15 @@ def accepted(attempts: Sequence[Attempt]) -> Accepted:
 
 
 def leads_like_dirt(attempt: Attempt, attempts: Sequence[Attempt]) -> bool:
-    """Whether the candidate with most evidence is refused for its size alone, and far from null.
+    """Whether the candidate with most evidence is no larger than what dirt makes of it, and far from null.
 
     A size that is still on its way to where the pictures are exact says too little. Pictures about null
     are left as they are, or the leader alone would have exact ones.
     """
     leads = attempt is max(attempts, key=lambda a: a.evidence.value)
-    return leads and is_exact(attempt.stand.fitter) and OF_PRESSES.refused(attempt) == LIKE_DIRT
+    seen = attempt.evidence.value > OF_PRESSES.evidence
+    fitter = attempt.stand.fitter
+    return leads and seen and is_exact(fitter) and not fitter.beyond_dirt(attempt.stand.fit, attempt.name)
 
 
 def _closing(attempts: Sequence[Attempt]) -> Attempt | None:

@@ -104,8 +104,6 @@ class Criterion:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
-        if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
-            return LIKE_DIRT
         if attempt.held_out <= 0:
             return f"{AGAINST}, with an evidence of {-attempt.held_out:.3g}"
         others = attempt.stand.state.without(attempt.name).values
@@ -121,6 +119,9 @@ class Criterion:
             return f"{places:.0%} of it lie in few places: a reflection, marks or hot pixels"
         if pattern is not None and (rounding := _no_more_than_rounding(attempt)):
             return f"no more than the rounding of these files, {rounding:.2%} of their light"
+        # The last, since what is refused for this alone stands before others, see `acceptance.accepted`.
+        if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
+            return LIKE_DIRT
         return ""
 
     def unusual(self, attempt: JudgedCandidate[S]) -> str:

@@ -1,9 +1,10 @@
 """Screening ranks effects by their evidence in a linear approximation, without a fit."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
@@ -31,18 +32,41 @@ def screen(
         Evidence by candidate, and which of them can stand for which.
     """
     names = [name for name in names if name not in state.values]
-    scanned = state
-    for name in names:
-        if scan_of(name) is not None:
-            scanned = with_scanned(fitter, scanned, name, train)
     linear = [name for name in names if not effect(name).per_pixel]
-    unknowns = fitter.unknowns(scanned, [*state.values, *linear], train)
-    whole = fitter.system(scanned, train, unknowns)
-    found = {name: _linear_evidence(whole, name, linear) - price_of_scan(name) for name in linear}
+    whole = of_all(fitter, state, linear, train)
+    found = {name: log_evidence(*alone(whole, name, linear)) - price_of_scan(name) for name in linear}
     for name in names:
         if effect(name).per_pixel:
             found[name] = found_pattern(fitter, state, train).evidence
     return found, overlaps(whole, linear)
+
+
+def of_all(fitter: Fitter, state: State, names: Sequence[str], train: Sequence[int]) -> System:
+    """Normal equations of a model and of all candidates that are no pattern of pixels."""
+    scanned = state
+    for name in names:
+        if scan_of(name) is not None:
+            scanned = with_scanned(fitter, scanned, name, train)
+    return fitter.system(scanned, train, fitter.unknowns(scanned, [*state.values, *names], train))
+
+
+def alone(
+    whole: System, name: str, others: Sequence[str], *, along: Collection[str] = ()
+) -> tuple[Array, Array]:
+    """Information about one candidate and its right side, the other candidates held at their null.
+
+    Parameters
+    ----------
+    whole : System
+        Of all candidates.
+    others : sequence of str
+        All of them.
+    along : collection of str
+        Parameters of the candidate that are fitted along, as is what shots have in any case.
+    """
+    part = whole.only(lambda u: u.effect == name or u.effect not in others)
+    places = [k for k, u in enumerate(part.unknowns) if u.effect == name and u.name not in along]
+    return part.reduced(places)
 
 
 def scan_of(name: str) -> Scan | None:
@@ -82,10 +106,3 @@ def with_scanned(fitter: Fitter, state: State, name: str, train: Sequence[int]) 
         if energy > most:
             best, most = value, energy
     return state.with_values(name, null | {scan.parameter: best})
-
-
-def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
-    """Evidence for an effect, the other candidates held at their null."""
-    part = whole.only(lambda u: u.effect == name or u.effect not in others)
-    places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
-    return log_evidence(*part.reduced(places))
