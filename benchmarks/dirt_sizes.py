@@ -5,8 +5,9 @@
 The sets are those of the calibration pool with dirt that hide nothing; they are made in FOLDER. Each is
 fitted by the model as given, as a diagnosis begins, and every effect to what is left, by linear
 approximation. `--also` names folders of benchmarks: their sets with dirt that hide nothing count too. Printed
-is the size by effect, in prior standard deviations, and how far the furthest set is away, where 1 is what
-chance may do. `--write` puts the sizes in place of what is known.
+is the size by effect, in prior standard deviations, what it was before, how far the furthest set is away,
+where 1 is what chance may do, and whether dirt looks like the effect. `--write` puts it in place of what is
+known.
 """
 
 import argparse
@@ -29,7 +30,7 @@ from designlab.measurement.usable_frames import MOST_PRESSES, observe_apart, spr
 from designlab.sensor.design import preset
 from designlab.simulation.effects import UNASKED, SensorModel, effect
 from designlab.simulation.render_cache import Renders
-from designlab.validation.blind.learn import dirt_sd
+from designlab.validation.blind.learn import dirt_sd, like_dirt
 from designlab.validation.blind.runner import SEED, planted
 from designlab.validation.blind.sealed_pools import calibration
 
@@ -45,13 +46,16 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help=f"to {KEPT.name}")
     args = parser.parse_args()
     sets = [told(path, design, args.folder) for path, design in _sets(args.folder, args.also)]
-    sizes = dirt_sd(sets)
+    sizes, alike = dirt_sd(sets), like_dirt(sets)
     print(f"{len(sets)} sets: effect, size in prior standard deviations, before, furthest set")
     for name, size in sizes.items():
         furthest = max(_distance(*found[name], size) for found in sets if name in found)
-        print(f"{name:18s} {size:.3f}  {known()['dirt_sd'].get(name, 0.0):.3f}  {furthest:.2f}")
+        before, told_ = known()["dirt_sd"].get(name, 0.0), "looks like dirt" if name in alike else ""
+        print(f"{name:18s} {size:.3f}  {before:.3f}  {furthest:.2f}  {told_}")
     if args.write:
-        KEPT.write_text(json.dumps({**read_json(KEPT), "dirt_sd": sizes}, indent=2) + "\n")
+        KEPT.write_text(
+            json.dumps({**read_json(KEPT), "dirt_sd": sizes, "like_dirt": alike}, indent=2) + "\n"
+        )
 
 
 def _sets(folder: Path, others: list[Path]) -> Iterator[tuple[Path, str]]:

@@ -10,6 +10,8 @@ from scipy.special import chdtri, log_expit
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, known
+from designlab.inference.diagnosis.likelihood.normal_equations import log_evidence
+from designlab.inference.diagnosis.selection.forward_selection import PROMISING
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs, sum_of
 from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
@@ -67,6 +69,7 @@ def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     return {
         "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
         "dirt_sd": known()["dirt_sd"],
+        "like_dirt": known()["like_dirt"],
         "confidence": shares_right(outcomes),
     }
 
@@ -94,6 +97,17 @@ def dirt_sd(sets: Iterable[Mapping[str, tuple[Array, Array]]]) -> dict[str, floa
         for name, own in sorted(found.items())
         if len(own) >= FEWEST
     }
+
+
+def like_dirt(sets: Iterable[Mapping[str, tuple[Array, Array]]]) -> list[str]:
+    """Effects that a diagnosis would try in a set that hides nothing, so promising does dirt make them.
+
+    Parameters
+    ----------
+    sets : iterable of mapping
+        See `dirt_sd`.
+    """
+    return sorted({name for each in sets for name, told in each.items() if log_evidence(*told) > PROMISING})
 
 
 def _likely(sets: Sequence[tuple[Array, Array]]) -> float:

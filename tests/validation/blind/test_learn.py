@@ -13,6 +13,7 @@ from designlab.validation.blind.detection import limits
 from designlab.validation.blind.learn import (
     dirt_sd,
     learnt,
+    like_dirt,
     named,
     shares_right,
     spread,
@@ -181,6 +182,8 @@ def test_dirt_teaches_how_large_it_makes_effects_that_are_not_there() -> None:
     sharp = np.diag([1e6])
     few = [{"vignetting": (sharp, sharp @ [value])} for value in (*[0.0] * 20, 0.6)]
     assert dirt_sd(few)["vignetting"] == pytest.approx(0.6 / 3, rel=0.03)
+    assert like_dirt(few) == ["vignetting"]
+    assert like_dirt(few[:-1]) == []
 
 
 def test_the_error_that_fits_do_not_know_is_found_again() -> None:

@@ -15,7 +15,8 @@ from scipy.special import chdtri
 
 BY_CHANCE = 0.0027  # of three standard deviations
 FILE = "empirical_errors.json"
-"""Of ``designlab gap benchmark --pool calibration``; ``benchmarks/confidence.py`` adds opened pools."""
+"""Of ``designlab gap benchmark --pool calibration``; ``benchmarks/confidence.py`` adds opened pools,
+``benchmarks/dirt_sizes.py`` what dirt looks like."""
 
 
 def unlisted_sd(effect: str, parameter: str, *, shape: bool, dirty: bool = False) -> float:
@@ -39,17 +40,23 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool, dirty: bool = False
 
 
 def dirt_sd(effect: str) -> float:
-    """Value that a lab's dirt gives to an effect that is not there (root mean square, prior deviations).
+    """Value that a lab's dirt gives to an effect that is not there, in prior standard deviations.
 
-    0 of effects that dirt does not look like.
+    0 of effects of which it is not known.
     """
     return float(known()["dirt_sd"].get(effect, 0.0))
+
+
+def dirt_looks_like(effect: str) -> bool:
+    """Whether a lab's dirt was ever taken for an effect that was not there."""
+    return effect in known()["like_dirt"]
 
 
 def surely_beyond_dirt(effect: str, parameters: int) -> float:
     """Distance from null from which an effect is surely larger than what dirt makes of it.
 
-    Prior standard deviations, three standard deviations of chance, a fit without errors.
+    Prior standard deviations, three standard deviations of chance, a fit without errors; 0 of effects that
+    dirt does not look like.
 
     Parameters
     ----------
@@ -58,7 +65,7 @@ def surely_beyond_dirt(effect: str, parameters: int) -> float:
     parameters : int
         How many it has that do not only shape it.
     """
-    return dirt_sd(effect) * math.sqrt(chdtri(parameters, BY_CHANCE))
+    return dirt_looks_like(effect) * dirt_sd(effect) * math.sqrt(chdtri(parameters, BY_CHANCE))
 
 
 def shares_right() -> tuple[dict[str, float], list[float], list[float]]:

@@ -11,7 +11,12 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
-from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, dirt_sd, unlisted_sd
+from designlab.inference.diagnosis.likelihood.empirical_errors import (
+    BY_CHANCE,
+    dirt_looks_like,
+    dirt_sd,
+    unlisted_sd,
+)
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.inference.diagnosis.likelihood.normal_equations import (
@@ -378,7 +383,7 @@ class Fitter:
 
     def beyond_dirt(self, found: Fit, name: str) -> bool:
         """Whether an effect is surely larger than what a lab's dirt makes of it by itself (Wald's test)."""
-        if not dirt_sd(name) or not self.dirty(found):
+        if not dirt_looks_like(name) or not self.dirty(found):
             return True
         shapes = {p.name for p in self.forward.parameters[name] if p.shape}
         unknowns = found.system.unknowns
