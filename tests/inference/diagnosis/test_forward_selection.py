@@ -199,12 +199,12 @@ def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, mo
         return replace(attempt, evidence=attempt.evidence._replace(value=value))
 
     given = {name: with_evidence(search._attempt(name, start), 1000.0) for name in names}
-    given["vignetting"] = with_evidence(given["vignetting"], 490.0)  # less than half from the start
+    given["vignetting"] = with_evidence(given["vignetting"], 320.0)  # less than a third from the start
     judged_anew, rendered = [], []
 
     def judged(self, name, *_):
         judged_anew.append(name)
-        return with_evidence(given[name], {"contact_kernel": 240.0, "albedo_field": 100.0}[name])
+        return with_evidence(given[name], {"contact_kernel": 240.0, "albedo_field": 70.0}[name])
 
     def near(self, *_, **__):
         rendered.append(1)
@@ -216,7 +216,7 @@ def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, mo
     found, _ = search._contended(list(given.values()), start)
     assert judged_anew == ["contact_kernel", "albedo_field", "contact_kernel"]
     assert len(rendered) == len(names)
-    assert [attempt.evidence.value for attempt in found] == [240.0, 100.0, 490.0]
+    assert [attempt.evidence.value for attempt in found] == [240.0, 70.0, 320.0]
 
 
 def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
