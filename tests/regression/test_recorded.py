@@ -15,7 +15,7 @@ single precision in an order that is not fixed. That was measured: each case was
 on one machine of two cores, each time with an empty cache, and the largest relative difference of any
 figure was
 
-========== ======= ==========================================================================
+========== ======= ==============================================================================
 evaluate   1.6e-5  heights of single presses; 1.1e-5 of other figures
 ...        1.0e-3  a bound of bias, the difference of two figures a thousand times as large (2026-11-30,
                    same code on three machines, which differ by 2.2e-6 in these two figures)
@@ -26,7 +26,7 @@ diagnosis  1.8e-6  evidence, shares, intervals
 ...        1.4e-4  share that the control removes, nearly zero too (2026-11-28, one and two threads)
 ...        3.3e-5  a mean of z that is nearly zero, 0.017 (2026-11-30, alone and beside other work)
 others     1e-11   plant, render, phong, study: no noise
-========== ======= ==========================================================================
+========== ======= ==============================================================================
 
 Ten to twenty times as much is allowed. Now and then more changes: of two runs of `evaluate` at its usual
 effort, those of both designs with glass or a core had one LED group whose scores differed by up to 5e-3,
@@ -36,11 +36,11 @@ be as recorded in one of `TRIES` runs, which code that gives other figures never
 Another processor may add up otherwise and choose other paths of light. One with AVX2 and without AVX-512 did,
 with code that passes elsewhere (2026-11-30). There
 
-========= ======= ==============================================================
+========= ======= ==================================================================
 render    1.7e-7  mean radiance
 compare   6.5e-7  structure SNR
 calibrate 3.9e-4  standard errors; 3.4e-4 of values, a thousandth of their errors
-========= ======= ==============================================================
+========= ======= ==================================================================
 
 so that ten times as much is allowed without AVX-512, and evaluations of `default` and behind a core, for
 which other photons are drawn, are left out: their standard errors differ by up to 8 %.
