@@ -33,17 +33,18 @@ effort, those of both designs with glass or a core had one LED group whose score
 their errors by up to 8e-2, as if other photons had been drawn. So a case that differs is run again, and must
 be as recorded in one of `TRIES` runs, which code that gives other figures never is.
 
-Another processor may add up otherwise and choose other paths of light. One with AVX2 and without AVX-512 did,
-with code that passes elsewhere (2026-11-30). There
+Another processor may add up otherwise and choose other paths of light: where cases fail on a machine that
+never passed, compare with the code at that commit there. One with AVX2 and without AVX-512 did (2026-11-30;
+the flat render was tried with code whose figures pass elsewhere, too). There
 
 ========= ======= ==================================================================
 render    1.7e-7  mean radiance
 compare   6.5e-7  structure SNR
 calibrate 3.9e-4  standard errors; 3.4e-4 of values, a thousandth of their errors
+evaluate  8.4e-2  standard errors of `default` and behind a core: other photons
 ========= ======= ==================================================================
 
-so that ten times as much is allowed without AVX-512, and evaluations of `default` and behind a core, for
-which other photons are drawn, are left out: their standard errors differ by up to 8 %.
+so that ten times as much is allowed without AVX-512, of evaluations twice as much.
 """
 
 import json
@@ -72,8 +73,9 @@ if not AS_RECORDED:
         "render-dome": {"": 2e-6},
         "compare": {"": 7e-6},
         "calibrate": {"": 4e-3},
+        "evaluate-default": EVALUATE | {"": 0.2},
+        "evaluate-core": EVALUATE | {"": 0.2},
     }
-OTHER_PHOTONS = ("evaluate-default", "evaluate-core")
 TRIES = 3
 SLOW = ("diagnosis", "calibrate", "plant", "evaluate-default", "evaluate-dome", "evaluate-core")
 
@@ -84,8 +86,6 @@ SLOW = ("diagnosis", "calibrate", "plant", "evaluate-default", "evaluate-dome", 
     "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in cases.CASES]
 )
 def test_figures_are_as_recorded(name, tmp_path, monkeypatch):
-    if name in OTHER_PHOTONS and not AS_RECORDED:
-        pytest.skip("without AVX-512 other photons are drawn")
     recorded = json.loads((cases.RECORDED / f"{name}.json").read_text(encoding="utf-8"))
     said = []
     for number in range(TRIES):

@@ -48,7 +48,7 @@ def dirt_sd(effect: str) -> float:
 
 
 def dirt_looks_like(effect: str) -> bool:
-    """Whether a lab's dirt was ever taken for an effect that was not there."""
+    """Whether a lab's dirt ever made an effect promising that was not there."""
     return effect in known()["like_dirt"]
 
 
