@@ -45,6 +45,9 @@ def main() -> None:
     parser.add_argument("--also", type=Path, nargs="+", default=[], help="folders of benchmarks")
     parser.add_argument("--write", action="store_true", help=f"to {KEPT.name}")
     args = parser.parse_args()
+    for other in args.also:
+        if not (other / "outcomes").is_dir():
+            raise SystemExit(f"--also: {other} is no folder of a `designlab gap benchmark`: it has no outcomes")
     sets = [told(path, design, args.folder) for path, design in _sets(args.folder, args.also)]
     sizes, alike = dirt_sd(sets), like_dirt(sets)
     print(f"{len(sets)} sets: effect, size in prior standard deviations, before, furthest set")
