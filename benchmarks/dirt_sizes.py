@@ -47,7 +47,7 @@ def main() -> None:
     args = parser.parse_args()
     for other in args.also:
         if not (other / "outcomes").is_dir():
-            raise SystemExit(f"--also: {other} is no folder of a `designlab gap benchmark`: it has no outcomes")
+            raise SystemExit(f"--also: {other} holds no outcomes of `designlab gap benchmark`")
     sets = [told(path, design, args.folder) for path, design in _sets(args.folder, args.also)]
     sizes, alike = dirt_sd(sets), like_dirt(sets)
     print(f"{len(sets)} sets: effect, size in prior standard deviations, before, furthest set")
