@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ ROUGH = 48  # points a side of the grid on which the depth of a force is looked 
 NEARLY, CATCH = 1.15, 1.3  # how far that may be off, and depths within which gel that bulges may touch
 CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
 STIFFENED_TO = 0.8  # of the thickness, the deepest press of those elements that stick
-SLIPS = 0.99  # of the most that friction holds
+SLIPS = 0.98  # of the most that friction holds; from there to all of it a point counts ever less as held
 RELAXED_AFTER = 5  # rounds of friction after pressure
 STIFFENING = 0.55  # of a sticking contact by finite strain, found by finite elements (docs/validation.md)
 MOST_ROUNDS = 40  # of friction after pressure, and of depths for a stated force
@@ -102,8 +102,11 @@ class ContactSolution:
         """Share of the pressure where the probe carries the skin along without slip."""
         if self.friction == 0:
             return 0.0
-        pressure, ratio = self.pressure_mpa[self.touched], self._traction[self.touched]
-        return float(pressure[ratio < SLIPS * self.friction * pressure].sum() / pressure.sum())
+        pressure, traction = self.pressure_mpa[self.touched], self._traction[self.touched]
+        # By degrees: with whole points the force would jump where one begins to slip, and some stated forces
+        # would have no depth.
+        held = np.clip((1 - traction / (self.friction * pressure)) / (1 - SLIPS), 0.0, 1.0)
+        return float((held * pressure).sum() / pressure.sum())
 
     @property
     def tangential_force_n(self) -> tuple[float, float]:
@@ -301,6 +304,15 @@ def _carried(
     return np.stack([shift_mm[0] + along, shift_mm[1] + across])
 
 
+class _Try(NamedTuple):
+    """What one depth gave: logarithms of the depth and of its force over that stated."""
+
+    depth: float
+    error: float
+    solution: ContactSolution
+    pull: float = 0.0  # the error, or less of it, by which the next depth is laid between two
+
+
 class _Problem:
     """One probe over one layer, solved for one depth after another."""
 
@@ -391,8 +403,14 @@ class _Problem:
         return _Problem(gap, self.layer, pitch_mm, self.friction, target, self.lean)
 
     def _followed(self, force_n: float, depth_mm: float) -> ContactSolution:
-        known: dict[float, float] = {}
+        """Find the depth between one with too little force and one with too much, as soon as both are known.
+
+        Where points begin to slip or to touch, the force jumps. A force within the jump has no depth; the
+        nearer side of it is taken then.
+        """
         depth, power = math.log(depth_mm), 1.5
+        sides: dict[bool, _Try] = {}  # the nearest tried, by whether it is too deep
+        last: _Try | None = None
         for _ in range(MOST_ROUNDS):
             if math.exp(depth) <= self.gap.min():
                 raise TooLittle(
@@ -400,13 +418,24 @@ class _Problem:
                     "which touches then"
                 )
             solution = self.at(math.exp(depth))
-            known[depth] = math.log(solution.force_n / force_n)
-            if abs(known[depth]) < FORCE_TOLERANCE:
+            tried = _Try(depth, math.log(solution.force_n / force_n), solution)
+            if abs(tried.error) < FORCE_TOLERANCE / 2:  # the other half is for those who correct the force
                 return solution
-            if len(known) > 1:
-                (a, low), (b, high) = sorted(known.items(), key=lambda pair: abs(pair[1]))[:2]
-                depth, power = a, max((high - low) / (b - a), 1.0)
-            depth -= known[depth] / power
+            deep = tried.error > 0
+            if len(sides) == 2 and last is not None and deep == (last.error > 0):
+                other = sides[not deep]  # Illinois rule: it would not move by itself
+                sides[not deep] = other._replace(pull=other.pull / 2)
+            sides[deep] = tried._replace(pull=tried.error)
+            if len(sides) < 2:
+                if last is not None:
+                    power = max((tried.error - last.error) / (tried.depth - last.depth), 1.0)
+                depth -= tried.error / power
+            else:
+                low, high = sides[False], sides[True]
+                if high.depth - low.depth < FORCE_TOLERANCE:
+                    return min(low, high, key=lambda side: abs(side.error)).solution
+                depth = (low.depth * high.pull - high.depth * low.pull) / (high.pull - low.pull)
+            last = tried
         raise NotConverged(f"force_n: no depth was found for {force_n:g} N in {MOST_ROUNDS} tries")
 
     def _operator(self, part: str) -> Operator:

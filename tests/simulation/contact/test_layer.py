@@ -109,6 +109,24 @@ def test_a_press_by_force_is_the_press_by_the_depth_it_finds():
     np.testing.assert_allclose(again.height_mm, by_force.height_mm, atol=1e-3)
 
 
+@pytest.mark.slow
+def test_near_the_first_slip_of_a_point_every_force_is_met():
+    """The force jumps by up to 0.1 % where points begin to slip; all these lie beside or within such jumps."""
+    curved = Elastomer(shape="dome", outline="round", width_mm=24.8, thickness_mm=2.0, radius_mm=12.5)
+    pad = Elastomer(width_mm=26.0, thickness_mm=2.0)
+    tried = [(curved, 0.49, 0.5, 1 + step * 1e-5, {}) for step in range(18, 70, 4)]
+    tried += [
+        (pad, 0.49, 1.0, 2.629520416645876, {}),
+        (curved, 0.45, 0.5, 3.6762450446387533, {"centre_mm": (3.044632865575994, 0.0)}),
+    ]
+    for gel, poisson, friction, force_n, place in tried:
+        grip = LayerContact(
+            gel="custom", modulus_mpa=0.4, poisson=poisson, skin_length_mm=0.05, friction=friction
+        )
+        surface = pressed("sphere:4", gel, grip, depth_mm=None, force_n=force_n, **place)
+        assert surface.mechanics.force_n == pytest.approx(force_n, rel=1e-3)
+
+
 def test_a_sticking_probe_carries_the_skin_along():
     grip = GEL.model_copy(update={"friction": 10.0})
     surface = pressed(contact=grip, shear_mm=(0.1, 0.05), twist_deg=3.0)
