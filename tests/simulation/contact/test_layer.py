@@ -111,7 +111,7 @@ def test_a_press_by_force_is_the_press_by_the_depth_it_finds():
 
 @pytest.mark.slow
 def test_near_the_first_slip_of_a_point_every_force_is_met():
-    """The force jumps by up to 0.1 % where points begin to slip; all these lie beside or within such jumps."""
+    """The force jumps by up to 0.1 % where points begin to slip; these lie beside or within such jumps."""
     curved = Elastomer(shape="dome", outline="round", width_mm=24.8, thickness_mm=2.0, radius_mm=12.5)
     pad = Elastomer(width_mm=26.0, thickness_mm=2.0)
     tried = [(curved, 0.49, 0.5, 1 + step * 1e-5, {}) for step in range(18, 70, 4)]
