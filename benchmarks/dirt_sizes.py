@@ -16,14 +16,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.special import chdtri
 
 import designlab
 from designlab.core.store import read_json
 from designlab.core.types import Array
 from designlab.inference.calibration.poses import posed
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES, begun
-from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, FILE, known
+from designlab.inference.diagnosis.likelihood.empirical_errors import FILE, known, over_dirt
 from designlab.inference.diagnosis.selection.screening import alone, of_all
 from designlab.measurement import load_measurement
 from designlab.measurement.usable_frames import MOST_PRESSES, observe_apart, spread_out
@@ -52,7 +51,7 @@ def main() -> None:
     sizes, alike = dirt_sd(sets), like_dirt(sets)
     print(f"{len(sets)} sets: effect, size in prior standard deviations, before, furthest set")
     for name, size in sizes.items():
-        furthest = max(_distance(*found[name], size) for found in sets if name in found)
+        furthest = max(_over(*found[name], size) for found in sets if name in found)
         before, told_ = known()["dirt_sd"].get(name, 0.0), "looks like dirt" if name in alike else ""
         print(f"{name:18s} {size:.3f}  {before:.3f}  {furthest:.2f}  {told_}")
     if args.write:
@@ -101,12 +100,9 @@ def _fitted(path: Path, model: SensorModel, renders: Path) -> Told:
     return {name: alone(whole, name, names, along=shapes[name]) for name in names}
 
 
-def _distance(information: Array, right: Array, size: float) -> float:
-    """How surely a fitted value is larger than what dirt makes, over what chance may do."""
-    inverse = np.linalg.inv(information + np.eye(len(right)))
-    away = inverse @ right
-    spread = inverse + size**2 * np.eye(len(right))
-    return float(away @ np.linalg.solve(spread, away) / chdtri(len(right), BY_CHANCE))
+def _over(told: Array, right: Array, size: float) -> float:
+    """How far the fitted value of a set is from null, over what chance and dirt may do."""
+    return over_dirt(np.linalg.solve(told + np.eye(len(right)), right), told, size)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
 """Learning from a pool gives what the unlisted does to values, and how often names are right."""
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression, minimize
-from scipy.special import chdtri, log_expit
+from scipy.special import log_expit
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, known
+from designlab.inference.diagnosis.likelihood.empirical_errors import known, over_dirt
 from designlab.inference.diagnosis.likelihood.normal_equations import log_evidence
 from designlab.inference.diagnosis.selection.forward_selection import PROMISING
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs, sum_of
@@ -90,8 +91,7 @@ def dirt_sd(sets: Iterable[Mapping[str, tuple[Array, Array]]]) -> dict[str, floa
     found: dict[str, list[tuple[Array, Array]]] = {}
     for each in sets:
         for name, (information, right) in each.items():
-            values, vectors = np.linalg.eigh(information)
-            found.setdefault(name, []).append((np.maximum(values, 0.0), (vectors.T @ right) ** 2))
+            found.setdefault(name, []).append((information, right))
     return {
         name: round(max(_likely(own), _beyond_none(own)), 4)
         for name, own in sorted(found.items())
@@ -111,22 +111,27 @@ def like_dirt(sets: Iterable[Mapping[str, tuple[Array, Array]]]) -> list[str]:
 
 
 def _likely(sets: Sequence[tuple[Array, Array]]) -> float:
-    """Root of the posterior mean of a variance, from information and squared right sides."""
+    """Root of the posterior mean of a variance, from information and right sides."""
     logarithm = np.zeros(len(GRID))
-    for information, squares in sets:
-        fitted = 1.0 / GRID[:, None] ** 2 + information
-        logarithm += 0.5 * (squares / fitted - np.log1p(GRID[:, None] ** 2 * information)).sum(axis=1)
+    for information, right in sets:
+        values, vectors = np.linalg.eigh(information)
+        values, squares = np.maximum(values, 0.0), (vectors.T @ right) ** 2
+        fitted = 1.0 / GRID[:, None] ** 2 + values
+        logarithm += 0.5 * (squares / fitted - np.log1p(GRID[:, None] ** 2 * values)).sum(axis=1)
     return _root_of_mean_square(logarithm)
 
 
 def _beyond_none(sets: Sequence[tuple[Array, Array]]) -> float:
-    """Least of the standard deviations of which no set is surely beyond, see `Fitter.beyond_dirt`."""
-    inside = np.ones(len(GRID), dtype=bool)
-    for information, squares in sets:
-        variance = 1.0 / (1.0 + information)
-        away = (squares * variance**2 / (variance + GRID[:, None] ** 2)).sum(axis=1)
-        inside &= away <= chdtri(len(information), BY_CHANCE)
-    return float(GRID[np.argmax(inside)])
+    """Least of the standard deviations of which no set is surely beyond."""
+    fitted = [
+        (np.asarray(np.linalg.solve(told + np.eye(len(right)), right), dtype=float), told)
+        for told, right in sets
+    ]
+
+    def holds(size: float) -> bool:
+        return all(over_dirt(away, information, size) <= 1 for away, information in fitted)
+
+    return float(GRID[min(bisect_left(GRID, True, key=holds), len(GRID) - 1)])
 
 
 def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:

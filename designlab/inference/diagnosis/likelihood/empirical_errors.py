@@ -11,7 +11,10 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 from scipy.special import chdtri
+
+from designlab.core.types import Array
 
 BY_CHANCE = 0.0027  # of three standard deviations
 FILE = "empirical_errors.json"
@@ -66,6 +69,23 @@ def surely_beyond_dirt(effect: str, parameters: int) -> float:
         How many it has that do not only shape it.
     """
     return dirt_looks_like(effect) * dirt_sd(effect) * math.sqrt(chdtri(parameters, BY_CHANCE))
+
+
+def over_dirt(away: Array, information: Array, size: float) -> float:
+    """How far fitted values are from null, over what chance and dirt may do; surely beyond above 1 (Wald).
+
+    Parameters
+    ----------
+    away : array, shape (n,)
+        Values less their nulls, in prior standard deviations.
+    information : array, shape (n, n)
+        What the shots tell of them.
+    size : float
+        What dirt makes of them, see `dirt_sd`.
+    """
+    eye = np.eye(len(away))
+    covariance = np.linalg.inv(information + eye) + size**2 * eye
+    return float(away @ np.linalg.solve(covariance, away) / chdtri(len(away), BY_CHANCE))
 
 
 def shares_right() -> tuple[dict[str, float], list[float], list[float]]:

@@ -5,16 +5,15 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import (
-    BY_CHANCE,
     dirt_looks_like,
     dirt_sd,
+    over_dirt,
     unlisted_sd,
 )
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
@@ -392,9 +391,7 @@ class Fitter:
         ]
         away = np.array([self._now(found.state, unknowns[k]) for k in places])
         information, _ = found.system.reduced(places)
-        covariance = np.linalg.inv(information + np.eye(len(places)))
-        covariance += dirt_sd(name) ** 2 * np.eye(len(places))
-        return bool(away @ np.linalg.solve(covariance, away) > chdtri(len(places), BY_CHANCE))
+        return over_dirt(away, information, dirt_sd(name)) > 1
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""
