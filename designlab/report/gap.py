@@ -7,6 +7,7 @@ from typing import Any
 from designlab.core.store import write_atomic
 from designlab.inference.diagnosis.selection.criterion import OF_PRESSES
 from designlab.report.gap_plots import gap_bars, interval_bar
+from designlab.report.gap_text import OF_CLEAN, USUAL
 from designlab.report.page import (
     Column,
     Html,
@@ -97,7 +98,8 @@ def gap_report(report: Mapping[str, Any], target: str | Path, *, links: Sequence
         Section("How it was made", (_made(made, report["model"]),), folded=True),
     ]
     verdict = report["verdict"]
-    removed = _removed(report["gap"].get("final", {}))
+    clean = (report.get("unexplained") or {}).get("grain_rms") == 0
+    removed = _removed(report["gap"].get("final", {}), OF_CLEAN if clean else USUAL)
     words, command = _what_next(report)
     lead = Lead(
         question="What does the model lack that the sensor has?",
@@ -117,16 +119,16 @@ def _closed(text: str) -> str:
     return text.replace(" %", "\u00a0%")
 
 
-def _removed(final: Mapping[str, float]) -> str:
-    """How far the gap closes on presses that decided nothing."""
+def _removed(final: Mapping[str, float], usual: str) -> str:
+    """How far the gap closes on presses that decided nothing; `usual` says what is left anyway."""
     if not final:
         return ""
     before, after = (max(final[name] / final["usual"] - 1, 0.0) for name in ("before", "after"))
     if before < BARELY:
-        return "On the final presses no more is left than noise, grain and smooth errors of light."
+        return f"On the final presses no more is left than {usual}."
     return (
         f"On presses that decided nothing the excess falls from {_plain(before, 2)} to {_plain(after, 1)}. "
-        "(Excess: squared residual over what noise, grain and smooth errors of light leave; 0 is no gap.)"
+        f"(Excess: squared residual over what is left by {usual}; 0 is no gap.)"
     )
 
 

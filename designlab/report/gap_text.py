@@ -25,6 +25,7 @@ FEW_SENSORS = (
 )
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 USUAL = "noise, grain and smooth errors of light"
+OF_CLEAN = "noise and what the simulation may be wrong by"  # the same where frames have no grain
 SMOOTH = "boards, walls, gaps between LEDs, uneven coating"
 GRAIN = "dust, compression, sampling of a simulation"
 EDGES = "shape of the probe, pose, contact"
@@ -60,6 +61,8 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said = [text.replace("final presses", "final blocks of the picture") for text in said]
         said = [text.replace(USUAL, "its grain and what the simulation may be wrong by") for text in said]
         said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
+    elif rest is not None and not rest.grain_rms:
+        said = [text.replace(USUAL, OF_CLEAN) for text in said]
     return tuple(text for text in said if text)
 
 

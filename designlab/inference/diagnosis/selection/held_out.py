@@ -33,6 +33,9 @@ class Judged:
         What noise of the camera and grain leave of that.
     values : array, shape (shots,)
         Number of independent values of each.
+    dirty : bool
+        Whether frames have grain, as all of a lab's have. Where they have none, smooth errors of light are
+        rather an effect that is missing, and count as left.
     """
 
     state: State
@@ -41,6 +44,7 @@ class Judged:
     objective: Array
     least: Array
     values: Array
+    dirty: bool
 
     @property
     def gap(self) -> float:
@@ -49,7 +53,9 @@ class Judged:
 
     @property
     def excess(self) -> float:
-        """Squared residual of a value beyond noise, grain and smooth errors of light, and what is usual."""
+        """Squared residual of a value beyond what is usual, see `dirty` for smooth errors of light."""
+        if not self.dirty:
+            return max(float((self.per_shot - USUAL * self.floor).mean()), 0.0)
         return max(float((self.objective - USUAL * self.least).sum() / self.values.sum()), 0.0)
 
     @property
@@ -121,7 +127,8 @@ def judge(fitter: Fitter, fit: Fit, shots: Sequence[int]) -> Judged:
         least, values = fitter.chance([number])
         squares, granted = squared(fitter, state, number)
         rows[:, place] = squares, granted, found.objective, least, values
-    return Judged(state, *rows)
+    per_shot, floor, objective, least, values = rows
+    return Judged(state, per_shot, floor, objective, least, values, fitter.grain > 0)
 
 
 def all_leave_much(*judged: Judged) -> bool:
