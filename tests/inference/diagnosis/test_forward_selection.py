@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.core.progress import Work
+from designlab.inference.diagnosis.diagnose import verdict_of
 from designlab.inference.diagnosis.emulator.rendering import fill, moved
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
@@ -20,7 +21,7 @@ from designlab.inference.diagnosis.selection.criterion import (
     difference,
 )
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
-from designlab.inference.diagnosis.selection.held_out import Judged, Stand, gain, judge
+from designlab.inference.diagnosis.selection.held_out import Judged, Stand, gain, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.refine import refined
 from designlab.inference.diagnosis.verdict.intervals import values
@@ -286,11 +287,22 @@ def measured(bank) -> Fitter:
     return fitter
 
 
-def judged(objective: list[float]) -> Judged:
+def judged(objective: list[float], dirty: bool = True) -> Judged:
     """Held-out shots of a thousand values each, of which noise leaves a hundred of the misfit."""
     values = np.array(objective)
     none = np.zeros(len(values))
-    return Judged(State(GAINS), values / 10, none + 1.0, values, none + 100.0, none + 1000.0, dirty=True)
+    return Judged(State(GAINS), dirty, values / 10, none + 1.0, values, none + 100.0, none + 1000.0)
+
+
+def test_smooth_errors_are_no_excuse_where_frames_have_no_grain():
+    """Residuals of 12 squares of noise, all of which the smooth error explains, after 25 without it."""
+    before, after = judged([250.0, 250.0]), [120.0, 120.0]
+    excused, left = (replace(judged(after, dirty), objective=np.full(2, 101.0)) for dirty in (True, False))
+    assert excused.excess == 0
+    assert left.excess == pytest.approx(12 - 1.05)
+    assert verdict_of([("vignetting",)], level(before, excused)) == "named"
+    assert verdict_of([("vignetting",)], level(before, left)) == "named"  # more than half is gone
+    assert verdict_of([("vignetting",)], level(judged([220.0, 220.0]), left)) == "unexplained"
 
 
 def stand(fitter: Fitter, name: str, objective: list[float]) -> Stand:

@@ -23,6 +23,9 @@ class Judged:
     ----------
     state : State
         With the poses of these shots.
+    dirty : bool
+        Whether frames have grain, as all of a lab's have. Where they have none, smooth errors of light are
+        rather an effect that is missing, and count as left.
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
@@ -33,18 +36,15 @@ class Judged:
         What noise of the camera and grain leave of that.
     values : array, shape (shots,)
         Number of independent values of each.
-    dirty : bool
-        Whether frames have grain, as all of a lab's have. Where they have none, smooth errors of light are
-        rather an effect that is missing, and count as left.
     """
 
     state: State
+    dirty: bool
     per_shot: Array
     floor: Array
     objective: Array
     least: Array
     values: Array
-    dirty: bool
 
     @property
     def gap(self) -> float:
@@ -127,8 +127,7 @@ def judge(fitter: Fitter, fit: Fit, shots: Sequence[int]) -> Judged:
         least, values = fitter.chance([number])
         squares, granted = squared(fitter, state, number)
         rows[:, place] = squares, granted, found.objective, least, values
-    per_shot, floor, objective, least, values = rows
-    return Judged(state, per_shot, floor, objective, least, values, fitter.grain > 0)
+    return Judged(state, fitter.grain > 0, *rows)
 
 
 def all_leave_much(*judged: Judged) -> bool:
