@@ -54,9 +54,9 @@ class Judged:
     @property
     def excess(self) -> float:
         """Squared residual of a value beyond what is usual, see `dirty` for smooth errors of light."""
-        if not self.dirty:
-            return max(float((self.per_shot - USUAL * self.floor).mean()), 0.0)
-        return max(float((self.objective - USUAL * self.least).sum() / self.values.sum()), 0.0)
+        beyond = float((self.objective - USUAL * self.least).sum() / self.values.sum())
+        smooth = 0.0 if self.dirty else float((self.per_shot - USUAL * self.floor).mean())
+        return max(beyond, smooth, 0.0)
 
     @property
     def mean(self) -> float:
