@@ -159,7 +159,6 @@ def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: 
         seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
         registered, final = seen.of("dark", "background", "select"), seen.of("final")
         fitter = Fitter(fill(renders, model, seen.shots, ()))
-        fitter.fits_smooth = False
         state = fitter.start(registered)
         if noises:
             fitter.noises = noises

@@ -171,12 +171,11 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
     for words in (
         f"`at_floor` lies below {AT_FLOOR:g} floors. *Usual*",
         f"with {100 * OF_PRESSES.of_smooth:g} % of that for smooth errors of light",
-        f"({100 * OF_PRESSES.of_missing:g} % without grain)",
         f"divided by {ALIKE:g} since",
         f"within {OF_PRESSES.as_good:g} of its evidence",
         f"within {SURE_SE:g} standard errors",
         f"its evidence is {OF_PRESSES.evidence:g}, with",
-        f"without grain), and {SURE_SE:g} standard errors",
+        f"it leaves, and {SURE_SE:g} standard errors",
         f"close {100 * LEAST_SHARE:g} % of what is left and, beside effects that need new pictures, "
         f"{100 * LEAST_OF_FIRST:g} % of the first gap",
         f"for up to {OF_PRESSES.most_effects} effects",

@@ -12,7 +12,7 @@ from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.likelihood.noise import LONG_LENGTH, spectrum
 from designlab.inference.diagnosis.result import Unexplained
-from designlab.inference.diagnosis.selection.held_out import judge
+from designlab.inference.diagnosis.selection.held_out import CLOSED, Judged, judge
 from designlab.inference.diagnosis.verdict.unexplained import unexplained
 from designlab.simulation.effects import SensorModel
 from tests.helpers.small_sensor import DESIGN, seeing, shots
@@ -43,22 +43,36 @@ def departing(bank: Bank, *, smooth: float = 0.0, rough: float = 0.0) -> Fitter:
     return fitter.of(replace(fitter.bank, shots=tuple(own)), [])
 
 
-def left_of(fitter: Fitter) -> Unexplained:
+def ends(fitter: Fitter) -> Judged:
+    """Held-out shots, by the sensor as it is, once grain is known."""
     start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
     fitter.measure(start)
     fitter.grain = grain(fitter, start, [*TRAIN, *HELD_OUT])
     fitter.measure(start)
     fit = fitter.fit(start, (), TRAIN)
-    judged = judge(fitter, fit, HELD_OUT)
+    return judge(fitter, fit, HELD_OUT)
+
+
+def left_of(fitter: Fitter) -> Unexplained:
+    judged = ends(fitter)
     return unexplained(fitter, dict.fromkeys(range(5), judged.state), [(judged, judged)])
 
 
 def test_a_smooth_departure_of_light_is_told_by_its_size(bank) -> None:
-    found = left_of(departing(bank, smooth=0.03))
+    found = left_of(departing(bank, smooth=0.03, rough=0.005))
     assert found.smooth_rms == pytest.approx(0.03, rel=0.35)
     assert found.parts["smooth"] > 0.8
-    assert found.grain_rms == 0.0
+    assert found.grain_rms == pytest.approx(0.005, rel=0.2)
     assert found.share == pytest.approx(1.0)  # no effect was added
+
+
+def test_a_smooth_departure_without_grain_is_no_error_of_the_light(bank) -> None:
+    """Rather an effect is missing, and all of it counts as left."""
+    missing = departing(bank, smooth=0.03)
+    found = left_of(missing)
+    assert found.smooth_rms == found.grain_rms == 0.0
+    assert found.parts["smooth"] > 0.8
+    assert ends(departing(bank, smooth=0.03, rough=0.005)).excess < CLOSED < ends(missing).excess
 
 
 def test_grain_of_single_frames_is_told_by_its_size(bank) -> None:

@@ -73,8 +73,6 @@ class Fitter:
         What other shots have shown of the error that all share, see `given`.
     """
 
-    fits_smooth = True  # the size of the smooth error that shots share
-
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.forward = Forward(bank)
@@ -83,6 +81,14 @@ class Fitter:
         self.smooth_alike = SMOOTH_ALIKE
         self.grain = 0.0
         self.known: Mapping[tuple[int, ...], Shared] = {}
+
+    @property
+    def fits_smooth(self) -> bool:
+        """Whether the size of the smooth error that shots share is fitted: where frames have grain.
+
+        Built sensors have both. Without grain what looks like that error is rather an effect.
+        """
+        return self.grain > 0
 
     def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
         """Fitter of other pictures and noise that counts values as this one does."""
@@ -370,11 +376,8 @@ class Fitter:
         return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
 
     def dirty(self, found: Fit) -> bool:
-        """Whether the sensor has a lab's dirt, beside the effects of a fit: grain and smooth errors of light.
-
-        Smooth errors alone may be an effect that is still missing.
-        """
-        return self.grain > 0 and self.of_smooth(found) > DIRTY
+        """Whether the sensor has a lab's dirt beside the effects of a fit: grain and smooth errors."""
+        return self.of_smooth(found) > DIRTY
 
     def unlisted_sd(self, found: Fit, name: str, p: EffectParameter) -> float:
         """What no catalogue lists does to a fitted value, in prior standard deviations."""

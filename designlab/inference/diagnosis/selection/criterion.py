@@ -72,10 +72,8 @@ class Criterion:
         Of the most evidence, from which a candidate may turn out to be the best.
     likely : bool
         Whether an effect must have values that are likely of built sensors, unless it closes the gap.
-    of_smooth, of_missing : float
-        Share of the evidence for smooth errors of light that evidence for an effect must exceed as well:
-        where single frames have grain, as all of a lab's have, and where they have none. There such errors
-        are rather an effect that is missing.
+    of_smooth : float
+        Share of the evidence for smooth errors of light that evidence for an effect must exceed as well.
     most_effects : int
         That may join.
     """
@@ -86,7 +84,6 @@ class Criterion:
     contending: float
     likely: bool
     of_smooth: float
-    of_missing: float
     most_effects: int
 
     def refused(self, attempt: JudgedCandidate[S]) -> str:
@@ -98,8 +95,7 @@ class Criterion:
         value, se = attempt.evidence
         needed = self.evidence if len(attempt.stand.state.values) <= 1 else self.later
         # What is taken for a smooth error may hold as much of an effect that is not there.
-        share = self.of_smooth if attempt.stand.fitter.grain > 0 else self.of_missing
-        needed += share * max(attempt.smooth, 0.0)
+        needed += self.of_smooth * max(attempt.smooth, 0.0)
         if value <= needed:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
@@ -167,7 +163,6 @@ OF_PRESSES = Criterion(
     contending=0.33,
     likely=True,
     of_smooth=0.002,
-    of_missing=0.03,
     most_effects=4,
 )
 """Of 22 generated clean sets that hide nothing, the largest evidence for any effect, by linear approximation,
@@ -181,7 +176,6 @@ OF_BLOCKS = Criterion(
     contending=0.25,
     likely=False,
     of_smooth=0.0,
-    of_missing=0.0,
     most_effects=6,
 )
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""

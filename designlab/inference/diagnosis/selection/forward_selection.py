@@ -401,7 +401,8 @@ class ForwardSelection:
         fitter, state, name = attempt.stand.fitter, attempt.stand.state, attempt.name
         values = state.values[name]
         finer = {p.name: p.null for p in fitter.forward.parameters[name] if p.name not in values}
-        if not finer or attempt.evidence.value <= OF_PRESSES.as_good:
+        # Where no smooth error takes up what a form misses, that may hide what the form explains.
+        if not finer or (fitter.fits_smooth and attempt.evidence.value <= OF_PRESSES.as_good):
             return attempt
         begin = state.with_values(name, {**values, **finer})
         unknowns = fitter.unknowns(begin, list(begin.values), self.train)

@@ -23,9 +23,6 @@ class Judged:
     ----------
     state : State
         With the poses of these shots.
-    dirty : bool
-        Whether frames have grain, as all of a lab's have. Where they have none, smooth errors of light are
-        rather an effect that is missing, and count as left.
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
@@ -39,7 +36,6 @@ class Judged:
     """
 
     state: State
-    dirty: bool
     per_shot: Array
     floor: Array
     objective: Array
@@ -53,10 +49,8 @@ class Judged:
 
     @property
     def excess(self) -> float:
-        """Squared residual of a value beyond what is usual, see `dirty` for smooth errors of light."""
-        beyond = float((self.objective - USUAL * self.least).sum() / self.values.sum())
-        smooth = 0.0 if self.dirty else float((self.per_shot - USUAL * self.floor).mean())
-        return max(beyond, smooth, 0.0)
+        """Squared residual of a value beyond noise, grain and smooth errors of light, and what is usual."""
+        return max(float((self.objective - USUAL * self.least).sum() / self.values.sum()), 0.0)
 
     @property
     def mean(self) -> float:
@@ -127,7 +121,7 @@ def judge(fitter: Fitter, fit: Fit, shots: Sequence[int]) -> Judged:
         least, values = fitter.chance([number])
         squares, granted = squared(fitter, state, number)
         rows[:, place] = squares, granted, found.objective, least, values
-    return Judged(state, fitter.grain > 0, *rows)
+    return Judged(state, *rows)
 
 
 def all_leave_much(*judged: Judged) -> bool:

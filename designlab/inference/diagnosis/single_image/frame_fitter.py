@@ -34,8 +34,6 @@ class FrameFitter(Fitter):
         Departure of the press of the bank from the stated one.
     """
 
-    fits_smooth = False  # one picture does not tell it from the shape of a press
-
     def __init__(self, bank: Bank, away: Array) -> None:
         super().__init__(bank)
         self.away = away
@@ -45,6 +43,11 @@ class FrameFitter(Fitter):
         self.forward.parameters[SCALE] = tuple(
             replace(p, sd=SCALE_SD) if p.name == MAGNIFICATION else p for p in self.forward.parameters[SCALE]
         )
+
+    @property
+    def fits_smooth(self) -> bool:
+        """One picture does not tell the smooth error of light from the shape of a press."""
+        return False
 
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
