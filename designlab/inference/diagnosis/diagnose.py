@@ -383,8 +383,8 @@ def verdict_of(alike: Sequence[Sequence[str]], gap: Level) -> Verdict:
     """Verdict by presses that were not fitted to, before anything is said of how sure names are.
 
     The floor is what the simulation may be wrong by. Names that leave more than half of what is not noise,
-    grain or smooth errors of light have explained nothing; without grain smooth errors are no excuse. Where
-    there is no gap, or where hardly anything is left, none is unexplained.
+    grain or smooth errors of light have explained nothing. Where there is no gap, or where hardly anything
+    is left, none is unexplained.
 
     Parameters
     ----------

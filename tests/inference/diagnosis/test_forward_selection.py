@@ -290,7 +290,7 @@ def judged(objective: list[float]) -> Judged:
     """Held-out shots of a thousand values each, of which noise leaves a hundred of the misfit."""
     values = np.array(objective)
     none = np.zeros(len(values))
-    return Judged(State(GAINS), values / 10, none + 1.0, values, none + 100.0, none + 1000.0)
+    return Judged(State(GAINS), True, values / 10, none + 1.0, values, none + 100.0, none + 1000.0)
 
 
 def stand(fitter: Fitter, name: str, objective: list[float]) -> Stand:

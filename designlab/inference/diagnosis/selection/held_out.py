@@ -12,6 +12,7 @@ from designlab.inference.diagnosis.result import Level
 
 CLOSED = 0.3  # squared residual beyond what is usual, below which a gap is closed
 LEAST_USUAL = 0.1  # of the floor: no model leaves less
+LEFT_OF_NOTHING = 0.75  # of the floor: sets without grain that hide nothing leave less (0.53 to 0.66)
 USUAL = 1.05  # times what noise and grain leave: sets that hide nothing leave 1.02
 
 
@@ -23,6 +24,9 @@ class Judged:
     ----------
     state : State
         With the poses of these shots.
+    grainy : bool
+        Whether frames have grain, as all built sensors give. Without it no smooth error of light is fitted, and
+        what the errors granted to the simulation take up of other shots is left as well.
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
@@ -36,6 +40,7 @@ class Judged:
     """
 
     state: State
+    grainy: bool
     per_shot: Array
     floor: Array
     objective: Array
@@ -49,7 +54,9 @@ class Judged:
 
     @property
     def excess(self) -> float:
-        """Squared residual of a value beyond noise, grain and smooth errors of light, and what is usual."""
+        """Squared residual of a value beyond what sets that hide nothing leave, see `grainy`."""
+        if not self.grainy:
+            return max(float((self.per_shot - LEFT_OF_NOTHING * self.floor).mean()), 0.0)
         return max(float((self.objective - USUAL * self.least).sum() / self.values.sum()), 0.0)
 
     @property
@@ -121,7 +128,7 @@ def judge(fitter: Fitter, fit: Fit, shots: Sequence[int]) -> Judged:
         least, values = fitter.chance([number])
         squares, granted = squared(fitter, state, number)
         rows[:, place] = squares, granted, found.objective, least, values
-    return Judged(state, *rows)
+    return Judged(state, fitter.grain > 0, *rows)
 
 
 def all_leave_much(*judged: Judged) -> bool:

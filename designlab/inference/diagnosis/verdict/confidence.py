@@ -22,6 +22,8 @@ that of the best other effect of the round; gain: logarithm of the share of the 
 effect was found before.
 """
 SURE_ENOUGH = 0.5  # confidence from which a name stands without reserve: it is as likely right as wrong
+MOST_WITHOUT_GRAIN = 0.015  # share of the gap that right names leave where frames have no grain
+RIGHT_BEYOND = 0.029  # share of right names that leave more: 1 of 34, see docs/validation.md
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
 DIGITS = 3  # of a confidence
@@ -48,13 +50,17 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
         Which of its effects.
     """
     found = report["effects"][place]
+    if not report["unexplained"]["grain_rms"]:
+        # Nothing that no catalogue lists is expected there.
+        most = max(_share_left(report["gap"][name]) for name in ("select", "final"))
+        if most > MOST_WITHOUT_GRAIN:
+            return RIGHT_BEYOND
     weights, scores, right = shares_right()
-    level = report["gap"]["select"]
     seen = signs(
         found["name"],
         found["coherence_set"],
         report["candidates"],
-        gap=level,
+        gap=report["gap"]["select"],
         later=place > 0,
     )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
@@ -116,18 +122,22 @@ def signs(
         if c["round"] == taken["round"] and c["name"] not in alike and _tried(c)
     ]
     left = max(gap["after"] - gap["usual"], 0.0)
-    share = left / max(gap["before"] - gap["usual"], 1e-9)
     margin = np.log((max(taken["evidence"], 0.0) + 1) / (max([0.0, *rivals]) + 1))
     return np.array(
         [
             min(np.log1p(left), MOST_LEFT),
-            np.log(np.clip(share, LEAST_SHARE, 1.0)),
+            np.log(np.clip(_share_left(gap), LEAST_SHARE, 1.0)),
             np.log(len(alike)),
             np.clip(margin, -MOST_MARGIN, MOST_MARGIN),
             np.log(max(taken["gain"], LEAST_GAIN)),
             float(later),
         ]
     )
+
+
+def _share_left(gap: Mapping[str, float]) -> float:
+    """Part of the excess over what is usual that is left."""
+    return max(gap["after"] - gap["usual"], 0.0) / max(gap["before"] - gap["usual"], 1e-9)
 
 
 def _tried(candidate: Mapping[str, Any]) -> bool:
