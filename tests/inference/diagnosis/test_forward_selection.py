@@ -293,6 +293,13 @@ def judged(objective: list[float]) -> Judged:
     return Judged(State(GAINS), True, values / 10, none + 1.0, values, none + 100.0, none + 1000.0)
 
 
+def test_what_granted_errors_take_up_is_left_where_frames_have_no_grain() -> None:
+    """Residuals of 12 times the floor, all but noise of which the granted errors take up."""
+    taken_up = replace(judged([120.0, 120.0]), objective=np.full(2, 101.0))
+    assert taken_up.excess == 0
+    assert replace(taken_up, grainy=False).excess == pytest.approx(12 - 0.75)
+
+
 def stand(fitter: Fitter, name: str, objective: list[float]) -> Stand:
     values = {name: effect(name).null(DESIGN)} if name else {}
     fit = Fit(State(GAINS, values), System((), np.zeros((0, 0)), np.zeros(0), 0.0, np.zeros(0)), 0.0)

@@ -25,8 +25,8 @@ class Judged:
     state : State
         With the poses of these shots.
     grainy : bool
-        Whether frames have grain, as all built sensors give. Without it no smooth error of light is fitted, and
-        what the errors granted to the simulation take up of other shots is left as well.
+        Whether frames have grain, as those of built sensors have. Without it no smooth error of light is
+        fitted, and what the errors granted to the simulation take up counts as left.
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
