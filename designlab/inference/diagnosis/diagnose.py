@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from designlab.core.progress import Work, of_thousand, silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
@@ -15,7 +13,7 @@ from designlab.core.types import Progress
 from designlab.inference.calibration.poses import posed
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
 from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
+from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.result import (
     Control,
@@ -28,14 +26,14 @@ from designlab.inference.diagnosis.result import (
     provenance,
 )
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
-from designlab.inference.diagnosis.selection.held_out import CLOSED, Judged, Stand, judge, level
+from designlab.inference.diagnosis.selection.held_out import Judged, Stand, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.recentring import placed
 from designlab.inference.diagnosis.selection.refine import refined
 from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
 from designlab.inference.diagnosis.verdict.comparison import compared
-from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH, confidence
 from designlab.inference.diagnosis.verdict.data_checks import READ_OFF, examine, looking_alike, weakened
+from designlab.inference.diagnosis.verdict.decision import NAMELESS, settled, sure, verdict_of
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.led_layout import (
     LOOKS_LIKE,
@@ -45,6 +43,7 @@ from designlab.inference.diagnosis.verdict.led_layout import (
 )
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
+from designlab.inference.diagnosis.verdict.notes import OF_PIXELS, notes
 from designlab.inference.diagnosis.verdict.unexplained import unexplained
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
@@ -66,13 +65,7 @@ RUN = "run.json"
 SAMPLES = 256
 COLUMNS = 96  # those that all limits and confidence were learnt at: evidence grows with the pixels
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
-USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
-UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
-OF_PIXELS = tuple(e.name for e in CATALOGUE if e.per_pixel)  # with a number of their own for each pixel
-NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
-AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
-OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
 
 
 def diagnose(
@@ -197,13 +190,7 @@ def diagnose(
         updated=model,
         model=out / "model.toml",
         candidates=tuple(found.search.tried),
-        notes=(
-            *_notes(seen, measurement, model),
-            *_chance(given.fitter),
-            *_along(last),
-            *_unusual(last, effects),
-            *_confounded(effects, model.effective_design()),
-        ),
+        notes=notes(seen, measurement, model, given, last, effects),
         provenance=_provenance(seen, measurement, model, source, begun),
         seen=seen,
         control=wrong,
@@ -211,7 +198,7 @@ def diagnose(
         overlaps=_overlaps(found.search),
     )
     alike = looking_alike(effects, seen, model.effective_design())
-    report = weakened(_sure(report, len(seen.of("select"))), examined, names, alike)
+    report = weakened(sure(report, len(seen.of("select"))), examined, names, alike)
     better = updated(last.fitter, last.fit, measurement, seen, report, intervals, seed=seed, samples=samples)
     before, after = ((stand.fitter, end.state) for stand, end in zip((given, last), found.ends, strict=True))
     work.end()
@@ -256,7 +243,7 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
         "select": level(given.judged, last.judged),
         "final": level(*ends),
     }
-    return _Explanation(search, given, last, _settled(verdict, as_good, gap), gap, ends)
+    return _Explanation(search, given, last, settled(verdict, as_good, gap), gap, ends)
 
 
 def begun(
@@ -305,21 +292,6 @@ def _unexplained(found: _Explanation, final: Sequence[int]) -> Unexplained:
     states |= dict.fromkeys(final, after.state)
     held_out = [(found.given.judged, last.judged), (before, after)]
     return unexplained(last.fitter, states, held_out)
-
-
-def _sure(report: GapReport, presses: int) -> GapReport:
-    """Say how sure each name is; one that is more likely wrong than right explains a part at best."""
-    content = report.to_json()
-    verdict = report.verdict
-    if report.effects and confidence(content, 0) < SURE_ENOUGH:
-        verdict = "partial"
-    # Few presses cannot make anything certain (rule of succession), whatever many have taught.
-    most = (presses + 1) / (presses + 2) if presses < USUAL_SELECT else 1.0
-    effects = (
-        replace(found, confidence=min(confidence(content, place), most))
-        for place, found in enumerate(report.effects)
-    )
-    return replace(report, verdict=verdict, effects=tuple(effects))
 
 
 def _costs(model: SensorModel, seen: Observations, names: Sequence[str]) -> dict[str, float]:
@@ -379,29 +351,6 @@ def _untried(catalogue: Sequence[str] | None, model: SensorModel, seen: Observat
             yield f"{name} was not tried: the gel is too thin for presses as deep as these"
 
 
-def verdict_of(alike: Sequence[Sequence[str]], gap: Level) -> Verdict:
-    """Verdict by presses that were not fitted to, before anything is said of how sure names are.
-
-    The floor is what the simulation may be wrong by. Names that leave more than half of what is not noise,
-    grain or smooth errors of light have explained nothing. Where there is no gap, or where hardly anything
-    is left, none is unexplained.
-
-    Parameters
-    ----------
-    alike : sequence of sequence of str
-        Of each effect found, those that do as well.
-    gap : Level
-        Of these presses.
-    """
-    if not alike:
-        return "at_floor" if gap.after < AT_FLOOR * gap.floor else "unexplained"
-    left = max(gap.after - gap.usual, 0.0)
-    much = gap.after >= AT_FLOOR * gap.floor and left > CLOSED * gap.floor
-    if much and left > UNEXPLAINED_ABOVE * (gap.before - gap.usual):
-        return "unexplained"
-    return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
-
-
 def _last_fit(
     source: Renders, given: Stand, searched: Stand, train: Sequence[int], select: Sequence[int]
 ) -> Stand:
@@ -417,84 +366,12 @@ def _gives_back(before: float, searched: float, refined: float) -> bool:
     return refined - searched > GIVEN_BACK * (before - searched)
 
 
-def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str, Level]) -> Verdict:
-    """Verdict that presses which had no say in it do not speak against: it can become weaker only."""
-    if verdict == "at_floor":
-        others = max(gap[name].before / gap[name].floor for name in ("train", "final"))
-        return verdict if others < AT_FLOOR else "unexplained"
-    own = verdict_of(alike, gap["final"])
-    return "partial" if verdict in ("named", "ambiguous") and own == "unexplained" else verdict
-
-
 def _overlaps(search: ForwardSelection) -> tuple[Overlap, ...]:
     """Pairs of effects that these frames hardly tell apart, closest first."""
     close = [
         Overlap(*pair, round(share, 3)) for pair, share in search.overlaps.items() if share >= OVERLAPPING
     ]
     return tuple(sorted(close, key=lambda overlap: -overlap.share))
-
-
-def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:
-    notes = list(seen.notes)
-    if len({shot.view for shot in seen.shots}) > 1:
-        notes += [
-            f"{name} was not tried: frames show several parts of the camera's sensor" for name in OF_PIXELS
-        ]
-    stated = measurement.design()
-    if stated is not None and stated.digest != model.design.digest:
-        notes.append(
-            f"the measurement names the sensor {measurement.sensor!r}, which is not the design of the model"
-        )
-    return tuple(notes)
-
-
-def _chance(fitter: Fitter) -> Iterator[str]:
-    """Note what chance leaves of light that is counted in photons."""
-    shares = [
-        float(np.sqrt((own.random.sigma**2).mean() / (shot.signal**2).mean()))
-        for shot, own in zip(fitter.bank.shots, fitter.noises, strict=True)
-        if own.random is not None and shot.lit.all()
-    ]
-    if shares:
-        yield (
-            "light behind the core is counted in photons; what chance leaves of it, "
-            f"{np.median(shares):.1%} of the light, is part of the floor"
-        )
-
-
-def _along(last: Stand) -> Iterator[str]:
-    """Note probes that seem to be of another size than stated, and a lens that shifts colours much."""
-    share = last.fit.state.fringes
-    if abs(share) > OTHER_SD * FRINGES_SD:
-        more, less = ("red", "blue") if share > 0 else ("blue", "red")
-        yield f"the lens magnifies {more} {abs(share):.2%} more, and {less} less, than green"
-    for probe, larger in last.fit.state.sizes.items():
-        if abs(larger) > OTHER_SD * SIZE_SD:
-            than = "larger" if larger > 0 else "smaller"
-            yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
-
-
-def _unusual(last: Stand, effects: Sequence[Found]) -> Iterator[str]:
-    """Note values far beyond what is usual of built sensors."""
-    for found in effects:
-        bound = last.fitter.at_bound(last.state, found.name)
-        far = dict.fromkeys([*last.fitter.beyond_prior(last.fit, found.name), *bound])
-        if far:
-            limit = ", at the end of its range" if bound else ""
-            yield (
-                f"{found.name}: {', '.join(far)} far beyond what is usual of built sensors{limit}: check "
-                "that part of the sensor, and what the design says of it"
-            )
-
-
-def _confounded(effects: Sequence[Found], design: Design) -> Iterator[str]:
-    """Note of each effect found what does much the same by its physics, whatever these frames tell."""
-    for found in effects:
-        fields = [name for name in effect(found.name).confounded_with if "." in name]
-        others = [name for name in effect(found.name).confounded_with if name in UNASKED]
-        others = [name for name in others if effect(name).parameters(design)]
-        if others:
-            yield f"{found.name}: {', '.join([*others, *fields])} would do much the same"
 
 
 def _provenance(

@@ -10,19 +10,7 @@ import numpy as np
 import pytest
 
 from designlab.core.intervals import of_amplitudes, of_deviation
-from designlab.inference.diagnosis.diagnose import (
-    AT_FLOOR,
-    _along,
-    _confounded,
-    _gives_back,
-    _names,
-    _provenance,
-    _settled,
-    _sure,
-    _untried,
-    _unusual,
-    verdict_of,
-)
+from designlab.inference.diagnosis.diagnose import _gives_back, _names, _provenance, _untried
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.empirical_errors import shares_right
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
@@ -49,6 +37,12 @@ from designlab.inference.diagnosis.selection.criterion import (
 from designlab.inference.diagnosis.single_image import diagnose as single
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
+from designlab.inference.diagnosis.verdict.decision import AT_FLOOR, settled, sure, verdict_of
+from designlab.inference.diagnosis.verdict.notes import (
+    of_confounded_effects,
+    of_unusual_values,
+    of_what_is_fitted_along,
+)
 from designlab.measurement.blocks import BLOCKS
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
@@ -161,7 +155,7 @@ def test_values_far_beyond_the_usual_are_noted(loss, words) -> None:
     )
     state = State(np.ones(3)).with_values("vignetting", {"corner_loss": loss})
     stand = SimpleNamespace(fitter=fitter, state=state, fit=SimpleNamespace(state=state))
-    notes = list(_unusual(stand, [FOUND]))  # type: ignore[arg-type]
+    notes = list(of_unusual_values(stand, [FOUND]))  # type: ignore[arg-type]
     assert len(notes) == (words is not None)
     assert all(note.startswith(words) for note in notes)
 
@@ -323,7 +317,7 @@ def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) ->
 
 
 @pytest.mark.parametrize(
-    ("verdict", "train", "final", "settled"),
+    ("verdict", "train", "final", "weakened"),
     [
         ("at_floor", (1.1, 1.1), (0.9, 0.9), "at_floor"),
         ("at_floor", (1.1, 1.1), (2.0, 2.0), "unexplained"),  # something that was not where one looked
@@ -336,9 +330,9 @@ def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) ->
         ("unexplained", (9.0, 9.0), (9.0, 9.0), "unexplained"),
     ],
 )
-def test_other_presses_can_weaken_a_verdict(verdict, train, final, settled) -> None:
+def test_other_presses_can_weaken_a_verdict(verdict, train, final, weakened) -> None:
     gap = {name: Level(*ends, 1.0, 0.58) for name, ends in (("train", train), ("final", final))}
-    assert _settled(verdict, ONE, gap) == settled
+    assert settled(verdict, ONE, gap) == weakened
 
 
 @pytest.mark.parametrize(("after", "given_back"), [(0.9, False), (1.7, False), (2.0, True), (12.0, True)])
@@ -485,8 +479,8 @@ def test_without_grain_a_name_that_leaves_some_of_the_gap_is_hardly_ever_right(s
 def test_a_name_that_is_more_likely_wrong_than_right_is_given_with_reserve(right, monkeypatch) -> None:
     candidates = tuple(replace(c, outcome="passed") for c in REPORT.candidates if c.name == "vignetting")
     report = replace(REPORT, verdict="named", candidates=candidates)
-    monkeypatch.setattr(sys.modules[_sure.__module__], "confidence", lambda *_: right)
-    found = _sure(report, 6)
+    monkeypatch.setattr(sys.modules[sure.__module__], "confidence", lambda *_: right)
+    found = sure(report, 6)
     assert found.verdict == ("named" if right > 0.5 else "partial")
     assert found.effects[0].confidence == right
 
@@ -496,7 +490,7 @@ def test_few_presses_limit_confidence(presses, most) -> None:
     candidates = tuple(replace(c, outcome="passed") for c in REPORT.candidates if c.name == "vignetting")
     levels = {split: Level(9.0, 0.5, 1.0, 0.58) for split in REPORT.gap}
     report = replace(REPORT, candidates=candidates, gap=levels)
-    (found,) = _sure(report, presses).effects
+    (found,) = sure(report, presses).effects
     assert found.confidence == min(confidence(report.to_json(), 0), most)
 
 
@@ -518,20 +512,24 @@ def test_few_presses_limit_confidence(presses, most) -> None:
 )
 def test_what_is_fitted_along_is_told_where_it_is_more_than_usual(along, notes) -> None:
     stand = SimpleNamespace(fit=SimpleNamespace(state=State(np.ones(1), {}, **along)))
-    assert list(_along(stand)) == notes
+    assert list(of_what_is_fitted_along(stand)) == notes
 
 
 def test_what_does_much_the_same_by_its_physics_is_noted_where_the_design_can_have_it():
     elastic, kernel = (preset(f"gelsight-2020-flat{kind}") for kind in ("-elastic", ""))
     found = [Found.of(name, {}, 0.9, (name,)) for name in ("vignetting", "gel_thickness")]
-    assert list(_confounded(found, elastic)) == [
+    assert list(of_confounded_effects(found, elastic)) == [
         "gel_thickness: depth_offset, friction, contact.poisson would do much the same"
     ]
     offset = [Found.of("depth_offset", {}, 0.9, ("depth_offset",))]
-    assert list(_confounded(offset, elastic)) == ["depth_offset: gel_thickness would do much the same"]
-    assert not list(_confounded(offset, kernel))
+    assert list(of_confounded_effects(offset, elastic)) == [
+        "depth_offset: gel_thickness would do much the same"
+    ]
+    assert not list(of_confounded_effects(offset, kernel))
     # What is tried by name alone is no rival of what is found unasked.
-    assert not list(_confounded([Found.of("lens_distortion", {}, 0.9, ("lens_distortion",))], kernel))
+    assert not list(
+        of_confounded_effects([Found.of("lens_distortion", {}, 0.9, ("lens_distortion",))], kernel)
+    )
 
 
 def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name():
