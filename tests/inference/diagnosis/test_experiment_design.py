@@ -39,10 +39,11 @@ def bank(renders) -> Bank:
     return replace(found, shots=tuple(seen))
 
 
-@pytest.fixture(scope="module")
-def fitted(bank) -> tuple[JudgedCandidate, JudgedCandidate]:
+@pytest.fixture(scope="module", params=[0.003, 0.0], ids=["grain", "no grain"])
+def fitted(request, bank) -> tuple[JudgedCandidate, JudgedCandidate]:
     """The effect that is there, and a wrong one, as if they did as well."""
     fitter = Fitter(bank)
+    fitter.grain = request.param
     start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
     fitter.measure(start)
     made = []
@@ -74,7 +75,7 @@ def risen(bank: Bank, actions: list[Action], true: JudgedCandidate, wrong: Judge
     new = [
         replace(a.shot, signal=predict(true.stand.state, n)) for n, a in zip(further, actions, strict=True)
     ]
-    fitter = Fitter(replace(taken, shots=(*bank.shots, *new)))
+    fitter = true.stand.fitter.of(replace(taken, shots=(*bank.shots, *new)), [])
     fitter.measure(true.stand.state)
     fitter.noises[: len(bank.shots)] = true.stand.fitter.noises
     right, other = (

@@ -107,7 +107,8 @@ def doubt_of(true: JudgedCandidate[Stand], wrong: JudgedCandidate[Stand], action
         signal = told.predict(state, number)
         shot = without_cut(replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool)))
         random, grain = wrong.stand.fitter.noises[action.like].random, wrong.stand.fitter.grain
-        bare, of_groups = told.untouched(state, number), told.of_groups(state, number)
+        bare = told.untouched(state, number)
+        of_groups = told.of_groups(state, number) if wrong.stand.fitter.fits_smooth else None
         noises.append(noise(shot, signal, bare, of_groups, told.black, random, grain=grain))
         taken.append(replace(action, shot=shot))
     state, found = wrong.stand.state, wrong.stand.fit.system
