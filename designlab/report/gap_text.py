@@ -129,7 +129,7 @@ def _how_sure(report: GapReport) -> list[str]:
             said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({FEW_SENSORS}).")
             continue
         others = [name for name in effect.coherence_set if name != effect.name]
-        alone = f"{', '.join(others)} would do as well" if others else "no other effect tried does as well"
+        alone = f"not ruled out: {', '.join(others)}" if others else "no other effect tried does as well"
         meaning = ONE_PICTURE if "blocks" in report.provenance else CALIBRATED
         said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({meaning}); {alone}.")
     return said
