@@ -139,7 +139,8 @@ def _plain(value: float, digits: int) -> str:
 
 def _what_next(report: Mapping[str, Any]) -> tuple[str, str]:
     """What to do after a verdict, and the command that does it."""
-    if report["verdict"] in ("named", "partial") and report["effects"]:
+    doubtful = report["verdict"] == "partial" and report.get("next_measurement")
+    if report["verdict"] in ("named", "partial") and report["effects"] and not doubtful:
         return (
             "Score the sensor as it is, effects included:",
             f"designlab evaluate {report['model']} --out as-it-is",

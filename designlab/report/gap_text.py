@@ -23,6 +23,7 @@ FEW_SENSORS = (
     "all of four made sensors were told right, less where frames are missing, few or doubtful; no effect was "
     "tried beside it"
 )
+MANY = 3  # effects from which a sentence with the values of all is too long
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 USUAL = "noise, grain and smooth errors of light"
 OF_CLEAN = "noise and what the simulation may be wrong by"  # the same where frames have no grain
@@ -68,21 +69,21 @@ def statement(report: GapReport) -> tuple[str, ...]:
 
 def _missing(report: GapReport) -> str:
     final = report.gap["final"]
-    effects = " and ".join(_called(effect) for effect in report.effects)
+    effects = _all(report.effects, report)
     if report.verdict == "named":
         first, *others = report.effects
         surer = [first, *(effect for effect in others if effect.confidence >= SURE_ENOUGH)]
-        said = f"The model lacks {' and '.join(map(_called, surer))}."
-        doubtful = [_called(effect) for effect in others if effect.confidence < SURE_ENOUGH]
+        said = f"The model lacks {_all(surer, report)}."
+        doubtful = [effect for effect in others if effect.confidence < SURE_ENOUGH]
         if doubtful:
-            said += f" It may lack {' and '.join(doubtful)} too, but that is more likely wrong than right."
+            said += f" It may lack {_all(doubtful, report)} too, but that is more likely wrong than right."
         return said
     if report.verdict == "ambiguous":
         choices = "; ".join(
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1
         )
-        certain = [_called(effect) for effect in report.effects if len(effect.coherence_set) == 1]
-        beside = f"{' and '.join(certain)}, and " if certain else ""
+        certain = [effect for effect in report.effects if len(effect.coherence_set) == 1]
+        beside = f"{_all(certain, report)}, and " if certain else ""
         return (
             f"The model lacks {beside}one of several effects that these frames do not tell apart: {choices}."
         )
@@ -117,21 +118,38 @@ def _missing(report: GapReport) -> str:
     )
 
 
+def _all(effects: Sequence[Found], report: GapReport) -> str:
+    """Effects with their values; those of a report of many by name alone, see `_how_sure`."""
+    many = len(report.effects) >= MANY
+    names = [effect.name if many else _called(effect) for effect in effects]
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
 def _called(effect: Found) -> str:
-    what = told(effect) or effect.summary
+    what = _does(effect)
     return f"{effect.name} ({what})" if what else effect.name
 
 
+def _does(effect: Found) -> str:
+    return told(effect) or effect.summary
+
+
 def _how_sure(report: GapReport) -> list[str]:
+    """How sure each effect is; of many, what it does besides, since the first sentence names them alone."""
     said = []
+    meaning = f" ({ONE_PICTURE if 'blocks' in report.provenance else CALIBRATED})"
     for effect in report.effects:
         if effect.name == LAYOUT:
             said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({FEW_SENSORS}).")
             continue
         others = [name for name in effect.coherence_set if name != effect.name]
         alone = f"not ruled out: {', '.join(others)}" if others else "no other effect tried does as well"
-        meaning = ONE_PICTURE if "blocks" in report.provenance else CALIBRATED
-        said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({meaning}); {alone}.")
+        sure = f"{effect.confidence:.2f}{meaning}; {alone}."
+        if len(report.effects) >= MANY:
+            said.append(f"{effect.name}: {_does(effect)}. Confidence: {sure}")
+        else:
+            said.append(f"Confidence in {effect.name}: {sure}")
+        meaning = ""
     return said
 
 

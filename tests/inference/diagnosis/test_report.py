@@ -47,7 +47,7 @@ from designlab.measurement.blocks import BLOCKS
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
 from designlab.report.diagnosis_folder import report_content
-from designlab.report.gap import gap_report
+from designlab.report.gap import _what_next, gap_report
 from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset
@@ -563,3 +563,25 @@ def test_a_further_name_that_is_more_likely_wrong_is_said_to_be_so() -> None:
         "The model lacks banding (bands). It may lack camera_pose (camera moved) too, but that is more "
         "likely wrong than right."
     )
+
+
+def test_many_effects_are_named_first_and_told_one_by_one() -> None:
+    """One sentence with the values of all would be too long."""
+    names = ("banding", "camera_pose", "vignetting")
+    effects = tuple(
+        replace(REPORT.effects[0], name=name, summary=f"what {name} does", confidence=0.9, parameters={})
+        for name in names
+    )
+    first, *others = statement(replace(REPORT, verdict="named", effects=effects, provenance={}))
+    assert first == "The model lacks banding, camera_pose and vignetting."
+    assert others[0].startswith("banding: what banding does. Confidence: 0.90 (")
+    assert others[1].startswith("camera_pose: what camera_pose does. Confidence: 0.90; ")
+
+
+@pytest.mark.parametrize(("verdict", "command"), [("named", True), ("partial", False)])
+def test_what_is_doubtful_is_measured_before_it_is_scored(verdict, command) -> None:
+    shown = REPORT.to_json() | {"verdict": verdict, "next_measurement": "repeat the background", "next": None}
+    words, given = _what_next(shown)
+    assert (words == "Repeat the background.") is not command
+    assert given.startswith("designlab evaluate") is command
+    assert _what_next(shown | {"next_measurement": ""})[1].startswith("designlab evaluate")
