@@ -7,7 +7,7 @@ from typing import Any
 from designlab.core.store import write_atomic
 from designlab.inference.diagnosis.selection.criterion import OF_PRESSES
 from designlab.report.gap_plots import gap_bars, interval_bar
-from designlab.report.gap_text import OF_CLEAN, USUAL
+from designlab.report.gap_text import OF_CLEAN, OF_ONE_PICTURE, USUAL
 from designlab.report.page import (
     Column,
     Html,
@@ -98,8 +98,7 @@ def gap_report(report: Mapping[str, Any], target: str | Path, *, links: Sequence
         Section("How it was made", (_made(made, report["model"]),), folded=True),
     ]
     verdict = report["verdict"]
-    clean = (report.get("unexplained") or {}).get("grain_rms") == 0
-    removed = _removed(report["gap"].get("final", {}), OF_CLEAN if clean else USUAL)
+    removed = _removed(report)
     words, command = _what_next(report)
     lead = Lead(
         question="What does the model lack that the sensor has?",
@@ -119,15 +118,20 @@ def _closed(text: str) -> str:
     return text.replace(" %", "\u00a0%")
 
 
-def _removed(final: Mapping[str, float], usual: str) -> str:
-    """How far the gap closes on presses that decided nothing; `usual` says what is left anyway."""
+def _removed(report: Mapping[str, Any]) -> str:
+    """How far the gap closes on presses, or blocks of a single picture, that decided nothing."""
+    final = report["gap"].get("final")
     if not final:
         return ""
+    clean = (report.get("unexplained") or {}).get("grain_rms") == 0
+    judged, usual = "presses", OF_CLEAN if clean else USUAL
+    if "blocks" in report["provenance"]:
+        judged, usual = "blocks of the picture", OF_ONE_PICTURE
     before, after = (max(final[name] / final["usual"] - 1, 0.0) for name in ("before", "after"))
     if before < BARELY:
-        return f"On the final presses no more is left than {usual}."
+        return f"On the final {judged} no more is left than {usual}."
     return (
-        f"On presses that decided nothing the excess falls from {_plain(before, 2)} to {_plain(after, 1)}. "
+        f"On {judged} that decided nothing the excess falls from {_plain(before, 2)} to {_plain(after, 1)}. "
         f"(Excess: squared residual over what is left by {usual}; 0 is no gap.)"
     )
 

@@ -27,6 +27,7 @@ MANY = 3  # effects from which a sentence with the values of all is too long
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 USUAL = "noise, grain and smooth errors of light"
 OF_CLEAN = "noise and what the simulation may be wrong by"  # the same where frames have no grain
+OF_ONE_PICTURE = "its grain and what the simulation may be wrong by"  # the same of a single picture
 SMOOTH = "boards, walls, gaps between LEDs, uneven coating"
 GRAIN = "dust, compression, sampling of a simulation"
 EDGES = "shape of the probe, pose, contact"
@@ -60,7 +61,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
     said.extend(_to_do(report))
     if "blocks" in report.provenance:
         said = [text.replace("final presses", "final blocks of the picture") for text in said]
-        said = [text.replace(USUAL, "its grain and what the simulation may be wrong by") for text in said]
+        said = [text.replace(USUAL, OF_ONE_PICTURE) for text in said]
         said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
     elif rest is not None and not rest.grain_rms:
         said = [text.replace(USUAL, OF_CLEAN) for text in said]

@@ -47,7 +47,7 @@ from designlab.measurement.blocks import BLOCKS
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
 from designlab.report.diagnosis_folder import report_content
-from designlab.report.gap import _what_next, gap_report
+from designlab.report.gap import _removed, _what_next, gap_report
 from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset
@@ -585,3 +585,18 @@ def test_what_is_doubtful_is_measured_before_it_is_scored(verdict, command) -> N
     assert (words == "Repeat the background.") is not command
     assert given.startswith("designlab evaluate") is command
     assert _what_next(shown | {"next_measurement": ""})[1].startswith("designlab evaluate")
+
+
+def test_the_first_screen_says_what_was_judged_and_what_is_left_anyway() -> None:
+    shown = REPORT.to_json() | {"gap": {"final": {"before": 20.0, "after": 2.0, "usual": 1.0}}}
+    assert "blocks" in shown["provenance"]
+    of_blocks = _removed(shown)
+    assert of_blocks.startswith(
+        "On blocks of the picture that decided nothing the excess falls from 19 to 1."
+    )
+    assert "left by its grain and what the simulation may be wrong by" in of_blocks
+    shown["provenance"] = {}
+    assert _removed(shown).startswith("On presses that decided nothing the excess falls from 19 to 1.")
+    assert "left by noise, grain and smooth errors of light" in _removed(shown)
+    shown["unexplained"]["grain_rms"] = 0.0
+    assert "left by noise and what the simulation may be wrong by" in _removed(shown)
