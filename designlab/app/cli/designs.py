@@ -2,7 +2,9 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
@@ -16,6 +18,7 @@ from designlab.app.cli.shared import (
 )
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
+from designlab.core.store import write_atomic
 
 if TYPE_CHECKING:
     from designlab.evaluation.press_plan import PressPlan
@@ -241,11 +244,15 @@ def _write(
     from designlab.report.evaluation_folder import write_evaluation
     from designlab.report.view3d import render_view
 
-    with bar() as progress:
+    with bar() as progress, TemporaryDirectory() as kept, ThreadPoolExecutor(1) as beside:
         progress("pictures", 0, 2)
+        # A process of its own draws the sensor, meanwhile, on another core.
+        drawing = beside.submit(render_view, found.design, Path(kept) / DRAWING)
         write_evaluation(found, folder, scale=scale)
         progress("drawing of the sensor", 1, 2)
-        drawn = render_view(found.design, folder / DRAWING)
+        drawn = drawing.result()
+        if drawn.path is not None:
+            write_atomic(folder / DRAWING, drawn.path.read_bytes())
         evaluation_report(found.score.to_json(), folder / PAGE, links=links)
         progress("page", 2, 2)
     return [f"note: the page has no drawing of the sensor: {drawn.reason}"] if drawn.reason else []
