@@ -23,7 +23,7 @@ effect was found before.
 """
 SURE_ENOUGH = 0.5  # confidence from which a name stands without reserve: it is as likely right as wrong
 MOST_WITHOUT_GRAIN = 0.015  # share of the gap that right names leave where frames have no grain
-RIGHT_BEYOND = 0.029  # share of right names that leave more: 1 of 34, see docs/validation.md
+RIGHT_BEYOND = 0.029  # share of right names that leave more: 1 of 34 (docs/records/test-0e1b938.jsonl)
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
 DIGITS = 3  # of a confidence
